@@ -32,7 +32,7 @@ def felt_outline_picture(name: str, outlines: Sequence[FeltOutline], summary: st
 
 def _drawn(felt: FeltOutline, top: float) -> tuple[list[str], float]:
     """Drawing of one outline from `top` on, and its height."""
-    corners = felt.touched_mm if len(felt.touched_mm) else np.zeros((1, 2))
+    corners = felt.touched.middles_mm if len(felt.touched.middles_mm) else np.zeros((1, 2))
     low, high = corners.min(axis=0) - _AROUND_MM, corners.max(axis=0) + _AROUND_MM
     scale = (_WIDTH - 2 * _MARGIN) / max(float((high - low).max()), 1.0)
     frame = shapely.box(*low, *high)
@@ -58,7 +58,7 @@ def _drawn(felt: FeltOutline, top: float) -> tuple[list[str], float]:
     if (known := known_outline(felt)) is not None:
         model = place(known.points_mm)
         parts.append(svg.closed_path([model], fill="none", stroke=svg.FOUND, stroke_width=svg.LINE))
-    parts += [svg.circle((x, y), 2.0, fill=svg.TRUTH) for x, y in place(felt.touched_mm).tolist()]
+    parts += [svg.circle((x, y), 2.0, fill=svg.TRUTH) for x, y in place(felt.touched.middles_mm).tolist()]
     height = scale * float(high[1] - low[1])
     at = _WIDTH - _MARGIN - scale * _SCALE_MM, top + height + 16.0
     parts.append(svg.segment(at, (at[0] + scale * _SCALE_MM, at[1]), stroke=svg.INK, stroke_width=svg.LINE))

@@ -8,8 +8,9 @@ section, one piece itself, is in one that all contacts can be on.
 
 *Inner bound.* A contact is a point of the section on an arc about the tip's centre, as long as the range of
 normals. A tip's centre from which the whole arc is nearer than r, and all within the position's bound of it,
-is not free. The union of these places, with what they enclose and nothing can reach from outside, shrunk by
-r, is part of the closing.
+is not free. No point of an arc of at most half a turn is further from such a place than both its ends are: it
+would have to lie opposite, and then one of the ends is further away than r as well. The union of these
+places, with what they enclose and nothing can reach from outside, shrunk by r, is part of the closing.
 
 Geometry is rounded outward: chords of arcs are inside of what is swept or blocked, and shrinking goes as much
 further as they may stray.
@@ -32,15 +33,59 @@ _SLIVER_MM2 = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class TouchedArcs:
+    """Arcs (n,) on which the section was touched, by their ends (n, 2) in W.
+
+    `off_mm` (n,): how far off the arc the point may be. `bulge_mm` (n,): how far the arc is from its chord;
+    infinite if it is longer than half a turn.
+    """
+
+    first_mm: Floats
+    last_mm: Floats
+    off_mm: Floats
+    bulge_mm: Floats
+
+    @property
+    def middles_mm(self) -> Floats:
+        """Middles (n, 2) of the arcs' chords."""
+        result: Floats = (self.first_mm + self.last_mm) / 2
+        return result
+
+    def blocked(self, radius_mm: float) -> tuple[shapely.Geometry, ...]:
+        """Places of a tip's centre that each touch with it proves not to be free; empty if it proves none."""
+        return self._near_both(np.where(np.isfinite(self.bulge_mm), radius_mm - self.off_mm, 0.0))
+
+    def surroundings(self, distance_mm: float) -> tuple[shapely.Geometry, ...]:
+        """Places that each touch proves to be within a distance of the section; empty if it proves none."""
+        return self._near_both(distance_mm - self.off_mm - self.bulge_mm)
+
+    def distances_mm(self, points_mm: Floats) -> Floats:
+        """Distance of each point (k, 2) from the section (k,), at most; infinite if there are no touches."""
+        ends = (points_mm[:, None] - item for item in (self.first_mm, self.last_mm))
+        far = np.maximum(*(np.linalg.norm(item, axis=2) for item in ends)) + self.off_mm + self.bulge_mm
+        result: Floats = far.min(axis=1, initial=np.inf)
+        return result
+
+    def _near_both(self, near_mm: Floats) -> tuple[shapely.Geometry, ...]:
+        """Places no further than (n,) from both ends of each arc."""
+        near = np.maximum(near_mm, 0.0)
+        discs = [
+            shapely.buffer(shapely.points(ends), near, quad_segs=_CHORDS_PER_QUARTER)
+            for ends in (self.first_mm, self.last_mm)
+        ]
+        return tuple(shapely.intersection(*discs))
+
+
+@dataclass(frozen=True, eq=False)
 class FeltOutline:
     """Bounds on the outline that tips of `radius_mm` feel: the section's closing holds all of `inner`, and
-    nothing outside of `outer`; both in W. `touched_mm` (n, 2): about where it was touched.
+    nothing outside of `outer`; both in W. `touched`: where the section was touched.
     """
 
     radius_mm: float
     inner: shapely.Geometry
     outer: shapely.Geometry
-    touched_mm: Floats
+    touched: TouchedArcs
     workspace_radius_mm: float
 
     @property
@@ -64,11 +109,9 @@ class FeltOutline:
 
 def felt_outline(contacts: Sequence[Contact], workspace_radius_mm: float) -> FeltOutline:
     """Bounds by contacts and misses of upright tips of one radius and height."""
-    radius = contacts[0].finger.tip_radius_mm
-    arcs = [_contact_arc(item) for item in contacts if item.touched]
-    touched = np.array([(arc.first_mm + arc.last_mm) / 2 for arc in arcs]).reshape(-1, 2)
-    outer = _outer_bound(contacts, workspace_radius_mm)
-    return FeltOutline(radius, _inner_bound(arcs, radius), outer, touched, workspace_radius_mm)
+    radius, arcs = contacts[0].finger.tip_radius_mm, _touched_arcs(contacts)
+    inner = _inner_bound(arcs.blocked(radius), radius)
+    return FeltOutline(radius, inner, _outer_bound(contacts, workspace_radius_mm), arcs, workspace_radius_mm)
 
 
 def swept_room(contacts: Iterable[Contact]) -> shapely.Geometry:
@@ -95,32 +138,22 @@ def _outer_bound(contacts: Sequence[Contact], workspace_radius_mm: float) -> sha
     return shapely.union_all(held)
 
 
-@dataclass(frozen=True, eq=False)
-class _ContactArc:
-    """Arc on which the section was touched: its ends (2,), and how far off their chord the point may be."""
-
-    first_mm: Floats
-    last_mm: Floats
-    off_mm: float
-
-
-def _contact_arc(contact: Contact) -> _ContactArc:
-    normals = contact.outward_normals()
-    lo, hi = (0.0, 2 * math.pi) if normals is None else (normals.lo_rad, normals.hi_rad)
-    radius, end = contact.finger.tip_radius_mm, np.array(contact.end_mm)
-    first, last = (end - radius * np.array([math.cos(angle), math.sin(angle)]) for angle in (lo, hi))
-    bulge = radius * (1 - math.cos(min((hi - lo) / 2, math.pi)))
-    return _ContactArc(first, last, contact.position_bound_mm + bulge + _ROUNDING_MM)
+def _touched_arcs(contacts: Iterable[Contact]) -> TouchedArcs:
+    first, last, off, bulge = list[Floats](), list[Floats](), list[float](), list[float]()
+    for item in contacts:
+        if not item.touched:
+            continue
+        normals, end, radius = item.outward_normals(), np.array(item.end_mm), item.finger.tip_radius_mm
+        lo, hi = (0.0, 2 * math.pi) if normals is None else (normals.lo_rad, normals.hi_rad)
+        first.append(end - radius * np.array([math.cos(lo), math.sin(lo)]))
+        last.append(end - radius * np.array([math.cos(hi), math.sin(hi)]))
+        off.append(item.position_bound_mm + _ROUNDING_MM)
+        bulge.append(radius * (1 - math.cos((hi - lo) / 2)) if hi - lo <= math.pi else math.inf)
+    places = np.array([*first, *last]).reshape(2, -1, 2)
+    return TouchedArcs(places[0], places[1], np.array(off), np.array(bulge))
 
 
-def _inner_bound(arcs: Sequence[_ContactArc], radius_mm: float) -> shapely.Geometry:
-    near = [arc for arc in arcs if arc.off_mm < radius_mm]
-    far = np.array([radius_mm - arc.off_mm for arc in near])
-    discs = [
-        shapely.buffer(shapely.points(np.array(ends).reshape(-1, 2)), far, quad_segs=_CHORDS_PER_QUARTER)
-        for ends in ([arc.first_mm for arc in near], [arc.last_mm for arc in near])
-    ]
-    blocked = shapely.union_all(shapely.intersection(*discs))
+def _inner_bound(blocked: Sequence[shapely.Geometry], radius_mm: float) -> shapely.Geometry:
     # What is enclosed no tip comes to from outside.
-    solid = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(blocked)]
+    solid = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(shapely.union_all(blocked))]
     return shapely.union_all(solid).buffer(-radius_mm * _AROUND - _ROUNDING_MM, _CHORDS_PER_QUARTER)

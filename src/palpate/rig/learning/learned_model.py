@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.base.geometry.object_model import LEARNED_HEIGHT_MM
@@ -78,13 +77,6 @@ def deficits_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Fl
     return places, away
 
 
-def gaps_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Floats]:
-    """Places (n, 2) along a nominal outline, and how far each is from the nearest contact (n,), mm."""
-    places = shapely.get_coordinates(shapely.segmentize(nominal.exterior, _SAMPLES_MM))
-    away: Floats = np.asarray(cKDTree(felt.touched_mm).query(places)[0])
-    return places, away
-
-
 def _between(felt: FeltOutline, shrink_mm: float) -> shapely.Polygon | None:
     """The outer bound, shrunk, with all of the inner one; None if that is in pieces."""
     found = shapely.union(felt.outer.buffer(-shrink_mm), felt.inner)
@@ -92,8 +84,11 @@ def _between(felt: FeltOutline, shrink_mm: float) -> shapely.Polygon | None:
 
 
 def _rough_tolerance_mm(felt: FeltOutline, nominal: shapely.Polygon) -> float:
-    outline = shapely.points(shapely.get_coordinates(shapely.segmentize(nominal.exterior, _SAMPLES_MM)))
-    return float(max(deficits_mm(felt, nominal)[1].max(), shapely.distance(outline, felt.inner).max()))
+    places = shapely.get_coordinates(shapely.segmentize(nominal.exterior, _SAMPLES_MM))
+    beyond = np.minimum(
+        shapely.distance(shapely.points(places), felt.inner), felt.touched.distances_mm(places)
+    )
+    return float(max(deficits_mm(felt, nominal)[1].max(), beyond.max()))
 
 
 def _tolerance_mm(felt: FeltOutline, nominal: shapely.Polygon) -> float:
@@ -108,7 +103,7 @@ def _is_tolerated(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: flo
     pairs = (
         (felt.band, nominal.exterior.buffer(tolerance_mm)),
         (felt.outer, nominal.buffer(tolerance_mm)),
-        (nominal, felt.inner.buffer(tolerance_mm)),
+        (nominal, shapely.union_all([felt.inner.buffer(tolerance_mm), *felt.touched.surroundings(tolerance_mm)])),
         (nominal.buffer(-tolerance_mm), felt.inner),
     )
     return all(within.difference(whole).is_empty for within, whole in pairs)

@@ -45,9 +45,9 @@ class _Kind:
         """About where the outline is; None before there is enough to guess from."""
         if self.nominal is not None:
             return shapely.Polygon(self.nominal.points_mm)
-        if self.felt is None or len(self.felt.touched_mm) < _FIRST_TOUCHES:
+        if self.felt is None or len(self.felt.touched.middles_mm) < _FIRST_TOUCHES:
             return None
-        hull = shapely.MultiPoint(self.felt.touched_mm).convex_hull
+        hull = shapely.MultiPoint(self.felt.touched.middles_mm).convex_hull
         pieces = [
             item
             for item in shapely.get_parts(hull.intersection(self.felt.outer))

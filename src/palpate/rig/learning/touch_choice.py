@@ -6,6 +6,7 @@ way. A grip is made of the approaches that bring most, one for each finger, as f
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -14,15 +15,19 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer import Contact, FingerApproach
 from palpate.rig.identification.exploration import fast_to_workspace
 from palpate.rig.learning.felt_outline import FeltOutline
-from palpate.rig.learning.learned_model import deficits_mm, gaps_mm
+from palpate.rig.learning.learned_model import deficits_mm
 from palpate.rig.reach.approaches import Reach
 
-_TOUCHED_REACH_MM = 1.0  # a touch brings bounds together so far to either side
-_NEAR_MM = 20.0  # what is further away does not matter once tips have passed all round
-_GAP_SHARE = 0.6  # of the tip's radius: contacts are to be no further apart than twice as much
-_GAP_WEIGHT = 10.0
+_LINK_SHARE = 1.0  # of the tip's radius: a tip is unlikely to pass between contacts that are no further apart
+_LINK_WORTH = 10.0  # of a touch where a tip may pass, beside so many mm by which bounds are too far apart
+_MOST_WORTH = 5.0
+_NEAR_SHARE = 1.5  # of the distance to others: a touch that is further from where it is wanted is worth little
+_BESIDE_SHARE, _BESIDE_STEPS = 0.02, 8.0  # and nothing so many times as far away
 _AFTER_MM = 10.0  # a finger goes on so far beyond where it is taken to stop
 _SAME_PLACE_MM, _SPACING_MM = 0.5, 2.0  # touches that are nearer tell nothing more, or less
+_SAME_WAY_COS = 0.99
+_SOLID_SHARE = 0.8  # of the tip's radius that keeps it out: room that was swept is narrower than the tip
+_TOUCHED_SHARE = 0.9  # and of what was touched
 _UNSURE_MM = 8.0  # of where an approach is taken to stop
 _GRIP_S = 8.0  # of a grip beside what its fingers take
 
@@ -43,7 +48,14 @@ class TouchChooser:
     ) -> tuple[FingerApproach, ...]:
         """The grip that brings most for its time; none if no approach promises anything."""
         stops = self._stops_mm(felt, nominal)
-        gains = self._gains(felt, nominal, tolerance_mm, stops)
+        ends = shapely.points(self._start + self._heading * stops[:, None])
+        at = shapely.line_locate_point(nominal.exterior, ends)
+        touched = shapely.line_interpolate_point(nominal.exterior, at)
+        wanted = wanted_touches(felt, nominal, tolerance_mm)
+        away = shapely.distance(touched[:, None], shapely.points(wanted.places_mm)) / wanted.apart_mm
+        near = np.clip(_NEAR_SHARE - away, 0.0, 1.0)
+        gains = wanted.worth * (near + _BESIDE_SHARE * np.clip(1 - away / _BESIDE_STEPS, 0.0, 1.0))
+        gains[stops >= self._travel] = 0.0
         gains *= self._novelty(contacts, stops)[:, None]
         best: tuple[float, list[int]] = (0.0, [])
         for stage in np.unique(self._reach.stage_rad):
@@ -65,7 +77,7 @@ class TouchChooser:
                 break
             chosen.append(int(open_rows[best]))
             gained += float(total[best])
-            worth = np.where(worth[best] > 0, 0.0, worth)
+            worth = np.maximum(worth - worth[best], 0.0)
             kept: Bools = self._reach.together(chosen[-1], float(far[chosen[-1]]), open_rows, far[open_rows])
             open_rows, worth = open_rows[kept], worth[kept]
         if not chosen:
@@ -75,7 +87,8 @@ class TouchChooser:
 
     def _stops_mm(self, felt: FeltOutline, nominal: shapely.Polygon) -> Floats:
         """Travels (n,) at which approaches are taken to stop: all of the way if they miss."""
-        grown = nominal.buffer(felt.radius_mm)
+        known = shapely.MultiPoint(felt.touched.middles_mm).buffer(_TOUCHED_SHARE * felt.radius_mm)
+        grown = nominal.buffer(_SOLID_SHARE * felt.radius_mm).union(known)
         ends = self._start + self._heading * self._travel[:, None]
         ways = shapely.linestrings(np.stack([self._start, ends], axis=1))
         met = shapely.intersection(ways, grown)
@@ -84,36 +97,55 @@ class TouchChooser:
 
     def _novelty(self, contacts: Sequence[Contact], stops: Floats) -> Floats:
         """Share (n,) of a gain that is to be had where the tip has not been, or not just there."""
-        ends = np.array([item.end_mm for item in contacts if item.touched]).reshape(-1, 2)
+        ends = np.array([item.end_mm for item in contacts]).reshape(-1, 2)
+        ways = ends - np.array([item.start_mm for item in contacts]).reshape(-1, 2)
+        touched = np.array([item.touched for item in contacts], dtype=bool)
         offset = ends - self._start[:, None]
         along = np.einsum("nkj,nj->nk", offset, self._heading)
         beside = np.abs(
             offset[..., 0] * self._heading[:, None, 1] - offset[..., 1] * self._heading[:, None, 0]
         )
-        there = np.abs(along - stops[:, None]) < _UNSURE_MM
+        alike = self._heading @ ways.T > _SAME_WAY_COS * np.linalg.norm(ways, axis=1)
+        beyond = along - stops[:, None]
+        there = (touched & (np.abs(beyond) < _UNSURE_MM)) | (alike & (beyond > 0))
         away = np.where(there, beside, np.inf).min(axis=1, initial=np.inf)
         result: Floats = np.clip((away - _SAME_PLACE_MM) / _SPACING_MM, 0.0, 1.0)
         return result
 
-    def _gains(
-        self, felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: float, stops: Floats
-    ) -> Floats:
-        """Gain of each approach (n,) at each place (p,) along the bounds, mm."""
-        places, away = deficits_mm(felt, nominal)
-        wrong = np.flatnonzero((away > tolerance_mm) & (away < _NEAR_MM))
-        places, away = places[wrong], away[wrong] - tolerance_mm
-        between, gap = gaps_mm(felt, nominal)
-        wide = np.flatnonzero(gap > _GAP_SHARE * felt.radius_mm)
-        places, away = (
-            np.concatenate([places, between[wide]]),
-            np.concatenate([away, _GAP_WEIGHT * gap[wide]]),
-        )
-        offset = places - self._start[:, None]
-        along = np.clip(np.einsum("npj,nj->np", offset, self._heading), 0.0, stops[:, None])
-        beside = np.linalg.norm(offset - along[..., None] * self._heading[:, None], axis=2)
-        hits = stops < self._travel
-        near = beside <= felt.radius_mm + np.where(hits, _TOUCHED_REACH_MM, 0.0)[:, None]
-        inside = along < stops[:, None] - 2 * felt.radius_mm  # beside the way, not where it stops
-        passed = inside & (beside <= felt.radius_mm)
-        result: Floats = np.where((near & ~inside) | passed, away, 0.0)
-        return result
+
+@dataclass(frozen=True, eq=False)
+class WantedTouches:
+    """Places (n, 2) on an outline where touches are wanted; how far they are from others there (n,), mm; and
+    what each is worth (n,).
+    """
+
+    places_mm: Floats
+    apart_mm: Floats
+    worth: Floats
+
+
+def wanted_touches(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: float) -> WantedTouches:
+    """Touches that are wanted between neighbours on the outline.
+
+    Where a tip may pass between two of them, or where bounds are further apart than the tolerance.
+    """
+    ring = nominal.exterior
+    blocked = np.array(felt.touched.blocked(felt.radius_mm))
+    proving = ~shapely.is_empty(blocked)
+    at = shapely.line_locate_point(ring, shapely.points(felt.touched.middles_mm[proving]))
+    order = np.argsort(at)
+    at, blocked = at[order], blocked[proving][order]
+    gaps = np.diff(at, append=at[:1] + ring.length)
+    is_open = ~shapely.intersects(blocked, np.roll(blocked, -1))
+    bounds, away = deficits_mm(felt, nominal)
+    after = np.searchsorted(at, shapely.line_locate_point(ring, shapely.points(bounds))) - 1
+    worst = np.zeros(len(at))
+    np.maximum.at(worst, after, away)  # before the first is after the last
+    worth = np.where(is_open, _LINK_WORTH, np.minimum(worst - tolerance_mm, _MOST_WORTH))
+    parts = np.maximum(np.ceil(gaps / (_LINK_SHARE * felt.radius_mm)), 2).astype(int)
+    rows = np.flatnonzero((worth > 0) & (gaps >= parts * _SAME_PLACE_MM))
+    row = np.repeat(rows, parts[rows] - 1)
+    number = np.concatenate([np.empty(0), *(np.arange(1, parts[k]) for k in rows)])
+    apart = gaps[row] / parts[row]
+    places = shapely.line_interpolate_point(ring, np.mod(at[row] + number * apart, ring.length))
+    return WantedTouches(shapely.get_coordinates(places).reshape(-1, 2), apart, worth[row])
