@@ -4,8 +4,9 @@
 ±35°, with touches that shapely works out, each as far off as its bounds allow (position 0.33 mm, path 0.58
 mm, normals ±9.5°: those of the emulated bench). Judged by shapely alone: the inner bound lies in what a tip
 of 5 mm can feel of the true outline, the part in the outer one, and the felt outline within the model's
-tolerance of the model's. Beside the tolerance stand the Hausdorff distance of model and felt outline, and
-that of a polygon through as many points, evenly spaced on the true outline.
+tolerance of the model's. Beside the tolerance stand the Hausdorff distances from the felt outline of the
+model, of a polygon through as many true points, evenly spaced, and of the mean of a Gaussian process by the
+same touches (needs scikit-learn); at the end, how the tolerance falls with touches.
 
 `--identify M`: then M parts, drawn from those that were learned, are identified among all of them, in other
 places, with touches of the same kind.
@@ -26,11 +27,13 @@ import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
+from gaussian_outline import gaussian_outline
+
 from palpate.base.geometry import ObjectModel
 from palpate.config import RigFile, load_rig
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.identification.identify import search
-from palpate.rig.learning.learning_search import LearningSearch
+from palpate.rig.learning.learning_search import LearningSearch, learning_reach
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of
 from support.benches.rigs import firm_rig
@@ -108,6 +111,8 @@ class Learned:
     is_between: bool
     hausdorff_mm: float = math.nan
     even_mm: float = math.nan
+    gaussian_mm: float = math.nan
+    falling: tuple[tuple[int, float], ...] = ()  # touches, tolerance with them
 
 
 def learn(
@@ -118,7 +123,7 @@ def learn(
     placed, begin = place(truth, rng, 10.0), time.process_time()
     search, execute = LearningSearch(rig, reach, HEIGHT_MM, tolerance), hands(placed.shape, rng)
     known = {_line(item): row for row, item in enumerate(reach.approaches)}
-    seconds, grips, touches = 0.0, 0, 0
+    seconds, grips, touches, falling = 0.0, 0, 0, list[tuple[int, float]]()
     while seconds < most_s and not search.is_done and (grip := search.next()):
         contacts = [item.contact for item in execute(grip, None)]
         travels = np.zeros(len(reach.approaches))
@@ -127,6 +132,7 @@ def learn(
         seconds += float(reach.seconds(travels)[rows].max())
         grips, touches = grips + 1, touches + sum(item.touched for item in contacts)
         search.take(contacts)
+        falling.append((touches, search.tolerance_mm))
     felt, true = search.felt[0], felt_shape(placed.shape)
     is_between = (
         felt.inner.difference(true.buffer(1e-3)).is_empty
@@ -135,7 +141,7 @@ def learn(
     )
     model = search.model(f"{truth.name} {seed}")
     spent = time.process_time() - begin
-    result = Learned(truth, model, grips, touches, seconds, spent, is_between)
+    result = Learned(truth, model, grips, touches, seconds, spent, is_between, falling=tuple(falling))
     if model is None:
         return result
     nominal = search.outlines[0]
@@ -146,8 +152,23 @@ def learn(
     even = shapely.Polygon(shapely.get_coordinates(places)).exterior
     apart = shapely.hausdorff_distance(even, true.exterior, densify=0.002)
     return replace(
-        result, is_between=is_between and is_within, hausdorff_mm=float(away), even_mm=float(apart)
+        result,
+        is_between=is_between and is_within,
+        hausdorff_mm=float(away),
+        even_mm=float(apart),
+        gaussian_mm=_gaussian_mm(search, true),
     )
+
+
+def _gaussian_mm(search: LearningSearch, true: shapely.Polygon) -> float:
+    """Hausdorff distance of what a Gaussian process makes of the same touches."""
+    arcs = search.felt[0].touched
+    across = (arcs.last_mm - arcs.first_mm) @ np.array([[0.0, -1.0], [1.0, 0.0]])
+    normals = across / np.linalg.norm(across, axis=1, keepdims=True)
+    found = gaussian_outline(arcs.middles_mm, -normals)
+    if found is None:
+        return math.nan
+    return float(shapely.hausdorff_distance(found.exterior, true.exterior, densify=0.002))
 
 
 def _line(item: FingerApproach) -> tuple[object, ...]:
@@ -164,7 +185,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600.0)
     given = parser.parse_args()
     rig = turning_rig()
-    reach = reach_of(rig)
+    reach = learning_reach(rig)
     truths = [
         item
         for item in outlines(SHARED_OUTLINES)
@@ -178,12 +199,28 @@ def main() -> None:
         print(
             f"{seed:>3} {item.truth.name:<14} grips {item.grips:>3} touches {item.touches:>3} "
             f"{item.seconds:>5.0f} s  tolerance {tolerance:>5.2f} mm  between {item.is_between!s:<5} "
-            f"Hausdorff {item.hausdorff_mm:>5.2f} mm, evenly {item.even_mm:>5.2f} mm  "
+            f"Hausdorff {item.hausdorff_mm:>5.2f} mm, evenly {item.even_mm:>5.2f} mm, "
+            f"Gaussian {item.gaussian_mm:>5.2f} mm  "
             f"computing {item.computing_s:.0f} s",
             flush=True,
         )
         found.append(item)
-    _identify(rig, reach, [item for item in found if item.model is not None], given.identify)
+    _falling(found)
+    _identify(rig, reach_of(rig), [item for item in found if item.model is not None], given.identify)
+
+
+def _falling(found: Sequence[Learned]) -> None:
+    for count in (30, 45, 60, 90, 120):
+        with_so_many = [
+            min((tolerance for touches, tolerance in item.falling if touches <= count), default=math.inf)
+            for item in found
+            if item.touches >= count or item.model is not None
+        ]
+        closed = sum(map(math.isfinite, with_so_many))
+        print(
+            f"up to {count:>3} touches: closed {closed} of {len(with_so_many)}, "
+            f"tolerance {np.median(with_so_many):.2f} mm (median)"
+        )
 
 
 def _identify(rig: RigFile, reach: Reach, known: Sequence[Learned], count: int) -> None:

@@ -16,8 +16,7 @@ from palpate.jobs.ready_rig import ReadyRig
 from palpate.recognizer import Contact
 from palpate.rig.identification.rig_recognition import MadeGrip
 from palpate.rig.learning.felt_outline import FeltOutline
-from palpate.rig.learning.learning_search import LearningSearch
-from palpate.rig.reach.approaches import reach_of
+from palpate.rig.learning.learning_search import LearningSearch, learning_reach
 from palpate.views.felt_outline import felt_outline_picture
 
 
@@ -133,7 +132,7 @@ def begin_learning(rig: RigFile, request: LearningRequest) -> LearningSearch:
             f'parts on rig "{rig.name}" may slide (search.part_holds_n, emulation.part): an outline is '
             "learned of a part that is held, with a rig file that declares neither"
         )
-    search = LearningSearch(rig, reach_of(rig), request.height_mm, request.tolerance_mm)
+    search = LearningSearch(rig, learning_reach(rig), request.height_mm, request.tolerance_mm)
     search.take([contact for grip in request.known for contact in grip])
     return search
 

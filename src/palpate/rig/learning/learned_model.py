@@ -7,7 +7,7 @@ Normals of what was touched are not bounded, but for what tips of that radius ca
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from palpate.base.geometry.object_model import LEARNED_HEIGHT_MM
 from palpate.rig.learning.felt_outline import FeltOutline
 from palpate.rig.learning.symmetric_outline import SYMMETRY_ORDERS, symmetric_outline
 
-_SHRINKS_MM = np.arange(0.0, 2.6, 0.25)  # of the outer bound, that are tried
+_MOST_SHRINK_MM, _SHRINK_STEP_MM = 2.6, 0.5  # of the outer bound; then more closely about the best
 _SIMPLIFIED_SHARE = 0.1  # of the tolerance: by how much the outline may be simplified
 _MOST_TOLERANCE_MM = 6.0  # of a model
 _SAMPLES_MM = 0.5
@@ -48,26 +48,35 @@ def known_outline(felt: FeltOutline) -> NominalOutline | None:
 
 def nominal_outline(felt: FeltOutline) -> NominalOutline:
     """The outline between the bounds whose tolerance is least of some; the bounds must be closed."""
-    tried = [item for shrink in _SHRINKS_MM if (item := _between(felt, float(shrink))) is not None]
-    rough, tolerance = _best_of(felt, tried)
+    coarse = _between_bounds(felt, np.arange(0.0, _MOST_SHRINK_MM, _SHRINK_STEP_MM))
+    shrink, _, _ = _best_of(felt, coarse)
+    close = shrink + _SHRINK_STEP_MM * np.linspace(-0.8, 0.8, 9)
+    tried = {**coarse, **_between_bounds(felt, np.maximum(close, 0.0))}
+    _, rough, tolerance = _best_of(felt, tried)
     fine = rough.simplify(_SIMPLIFIED_SHARE * tolerance)
     chosen = fine if isinstance(fine, shapely.Polygon) and fine.is_valid else rough
     for order in SYMMETRY_ORDERS:
-        if symmetric_outline(rough, order, 0.0) is None:
+        turned = {
+            key: even
+            for key, item in tried.items()
+            if (even := symmetric_outline(item, order, _SIMPLIFIED_SHARE * tolerance)) is not None
+        }
+        if not turned:
             break
-        turned = [symmetric_outline(item, order, _SIMPLIFIED_SHARE * tolerance) for item in tried]
-        even, its_tolerance = _best_of(felt, [item for item in turned if item is not None])
+        _, even, its_tolerance = _best_of(felt, turned)
         if its_tolerance <= _EVEN_FACTOR * tolerance:
             chosen = even
             break
     return NominalOutline(shapely.get_coordinates(chosen.exterior)[:-1], _tolerance_mm(felt, chosen))
 
 
-def _best_of(felt: FeltOutline, tried: Sequence[shapely.Polygon]) -> tuple[shapely.Polygon, float]:
-    """The outline of the least tolerance, about, and that."""
-    tolerances = [_rough_tolerance_mm(felt, item) for item in tried]
-    best = int(np.argmin(tolerances))
-    return tried[best], tolerances[best]
+def _best_of(
+    felt: FeltOutline, tried: Mapping[float, shapely.Polygon]
+) -> tuple[float, shapely.Polygon, float]:
+    """The outline of the least tolerance, about, with its key before it and its tolerance behind."""
+    tolerances = {key: _rough_tolerance_mm(felt, item) for key, item in tried.items()}
+    best = min(tolerances, key=tolerances.__getitem__)
+    return best, tried[best], tolerances[best]
 
 
 def deficits_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Floats]:
@@ -77,10 +86,14 @@ def deficits_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Fl
     return places, away
 
 
-def _between(felt: FeltOutline, shrink_mm: float) -> shapely.Polygon | None:
-    """The outer bound, shrunk, with all of the inner one; None if that is in pieces."""
-    found = shapely.union(felt.outer.buffer(-shrink_mm), felt.inner)
-    return shapely.Polygon(found.exterior) if isinstance(found, shapely.Polygon) else None
+def _between_bounds(felt: FeltOutline, shrinks_mm: Floats) -> dict[float, shapely.Polygon]:
+    """The outer bound, shrunk by so much, with all of the inner one; where that is not in pieces."""
+    found = {shrink: shapely.union(felt.outer.buffer(-shrink), felt.inner) for shrink in shrinks_mm.tolist()}
+    return {
+        shrink: shapely.Polygon(item.exterior)
+        for shrink, item in found.items()
+        if isinstance(item, shapely.Polygon)
+    }
 
 
 def _rough_tolerance_mm(felt: FeltOutline, nominal: shapely.Polygon) -> float:
@@ -100,10 +113,11 @@ def _tolerance_mm(felt: FeltOutline, nominal: shapely.Polygon) -> float:
 
 
 def _is_tolerated(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: float) -> bool:
+    near = [felt.inner.buffer(tolerance_mm), *felt.touched.surroundings(tolerance_mm)]
     pairs = (
         (felt.band, nominal.exterior.buffer(tolerance_mm)),
         (felt.outer, nominal.buffer(tolerance_mm)),
-        (nominal, shapely.union_all([felt.inner.buffer(tolerance_mm), *felt.touched.surroundings(tolerance_mm)])),
+        (nominal, shapely.union_all(near)),
         (nominal.buffer(-tolerance_mm), felt.inner),
     )
     return all(within.difference(whole).is_empty for within, whole in pairs)

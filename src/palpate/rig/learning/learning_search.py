@@ -15,8 +15,9 @@ from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.learning.felt_outline import FeltOutline, felt_outline
 from palpate.rig.learning.learned_model import NominalOutline, known_outline, learned_model
 from palpate.rig.learning.touch_choice import TouchChooser
-from palpate.rig.reach.approaches import Reach
+from palpate.rig.reach.approaches import Reach, reach_of
 
+_MOST_PATHS = 5000  # in corners a millimetre more or less decides whether a tip may pass
 _FIRST_TOUCHES = 3  # by which fingers go to the middle of the table, or of what was touched
 
 
@@ -132,6 +133,11 @@ class LearningSearch:
         if len(outlines) < len(known):
             return None
         return learned_model(name, outlines, self._height_mm, max(finger.tip_radius_mm for finger in known))
+
+
+def learning_reach(rig: RigFile) -> Reach:
+    """Approaches for learning: at more stage angles than `identify` looks at."""
+    return reach_of(rig, most_paths=_MOST_PATHS)
 
 
 def _check_fingers(fingers: Sequence[Finger]) -> None:

@@ -21,8 +21,8 @@ from palpate.rig.reach.approaches import Reach
 _LINK_SHARE = 1.0  # of the tip's radius: a tip is unlikely to pass between contacts that are no further apart
 _LINK_WORTH = 10.0  # of a touch where a tip may pass, beside so many mm by which bounds are too far apart
 _MOST_WORTH = 5.0
-_NEAR_SHARE = 1.5  # of the distance to others: a touch that is further from where it is wanted is worth little
-_BESIDE_SHARE, _BESIDE_STEPS = 0.02, 8.0  # and nothing so many times as far away
+_NEAR_SHARE = 1.5  # of the distance to others: further away a touch is worth little
+_BESIDE_SHARE, _BESIDE_STEPS = 0.02, 8.0  # so much; nothing where that many of these distances away
 _AFTER_MM = 10.0  # a finger goes on so far beyond where it is taken to stop
 _SAME_PLACE_MM, _SPACING_MM = 0.5, 2.0  # touches that are nearer tell nothing more, or less
 _SAME_WAY_COS = 0.99

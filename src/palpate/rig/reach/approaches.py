@@ -56,13 +56,12 @@ def _heading(line: Line) -> tuple[float, float]:
 
 
 _MIN_FREE_TRAVEL_MM = 1.0
-_MAX_PATHS = 1500  # candidates in all
 _STAGE_STEP_MM = 5.0  # between the same path at two stage angles, where tips wait
 _STAGE_SCAN_MM = 1.0  # of a finger's furthest point, between two stage angles that are looked at
 
 
-def free_paths(rig: RigFile, aims: int) -> list[tuple[float, ApproachPath]]:
-    """All free paths, each with its stage angle; without a stage all at 0.
+def free_paths(rig: RigFile, aims: int, most: int) -> list[tuple[float, ApproachPath]]:
+    """All free paths, each with its stage angle; without a stage all at 0. With one, about `most` of them.
 
     Raises InputError for a finger that has no room even where it starts.
     """
@@ -71,9 +70,9 @@ def free_paths(rig: RigFile, aims: int) -> list[tuple[float, ApproachPath]]:
     middle = _paths_at(waiting, 0.0, aims, known)
     return [
         (angle, path)
-        for angle in _angles(waiting, len(middle))
+        for angle in _angles(waiting, most // max(len(middle), 1))
         for path in (middle if angle == 0.0 else _paths_at(waiting, angle, aims, known))
-    ][: max(_MAX_PATHS, len(middle))]
+    ][: max(most, len(middle))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,12 +211,11 @@ def _clashing_pairs(one: StandbyPoses, other: StandbyPoses, clearance_mm: float)
     return result
 
 
-def _angles(waiting: WaitingFingers, each: int) -> list[float]:
-    """Stage angles to offer paths at, with `each` paths at one of them: evenly spaced on both sides of 0."""
+def _angles(waiting: WaitingFingers, most: int) -> list[float]:
+    """Stage angles to offer paths at, 0 and at `most` so many: evenly spaced on both sides of 0."""
     lo, hi = waiting.stage_range_rad
-    room = max(_MAX_PATHS // max(each, 1), 1) - 1
     wanted = math.ceil((hi - lo) * waiting.rig.clear_radius_mm / _STAGE_STEP_MM)
-    count = min(room, wanted)
+    count = min(max(most, 1) - 1, wanted)
     before = round(count * -lo / (hi - lo)) if hi > lo else 0
     low = np.linspace(lo, 0.0, before + 1)[:-1]
     high = np.linspace(hi, 0.0, count - before + 1)[:-1][::-1]
@@ -369,13 +367,13 @@ class Reach:
         return np.array([item.travel_mm for item in self.approaches])
 
 
-def reach_of(rig: RigFile, *, aims: int = 41) -> Reach:
+def reach_of(rig: RigFile, *, aims: int = 41, most_paths: int = 1500) -> Reach:
     """Every approach of every finger, with `aims` evenly spaced aims over each finger's free range.
 
-    With a turning stage, also at other stage angles. Raises InputError for a finger that has no room even
-    where it starts.
+    With a turning stage, also at other stage angles, up to about `most_paths` in all. Raises InputError for a
+    finger that has no room even where it starts.
     """
-    found = free_paths(rig, aims)
+    found = free_paths(rig, aims, most_paths)
     stage, mechanisms = Stage.of(rig), [mechanism_of(spec) for spec in rig.fingers]
     return Reach(
         tuple(
