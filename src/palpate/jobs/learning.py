@@ -144,7 +144,7 @@ def learn(
     now, grips = rig.hand.clock.now, list[MadeGrip]()
     begun_s, limit = now(), None
     while limit is None and not search.is_done and search.holds_together and (approaches := search.next()):
-        grips.append(rig.grip(approaches))
+        grips.append(rig.carry_out(approaches))
         search.take(grips[-1])
         progress(_progress_text(search, grips))
         limit = RunLimit.MAX_SECONDS if now() - begun_s > request.max_seconds else None

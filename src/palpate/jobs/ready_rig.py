@@ -55,14 +55,17 @@ class ReadyRig(GripPlanner):
         other approaches; DeviceError, SafetyStop as `identify` does. After any error but the first, torque
         is off and the rig connected no longer, even if the error is caught.
         """
-        asked = self.check(approaches)
+        return self.carry_out(self.check(approaches))
+
+    def carry_out(self, approaches: Sequence[FingerApproach]) -> MadeGrip:
+        """Grip as `grip` does, of approaches that a search within the rig's reach has chosen."""
         if self._connection is None:
             raise InputError("this rig is connected no longer: grip inside of the `with` block of connect")
         radius = self.file.workspace.radius_mm
-        ways = [item if item.fast_mm else fast_to_workspace(item, radius) for item in asked]
+        ways = [item if item.fast_mm else fast_to_workspace(item, radius) for item in approaches]
         try:
             touches = carry_out_grip(self.hand, ways, lambda _: None)
         except BaseException as error:
             self._connection.__exit__(type(error), error, error.__traceback__)
             raise
-        return MadeGrip.of(self.file, asked, touches)
+        return MadeGrip.of(self.file, approaches, touches)
