@@ -6,15 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.config import load_objects
 from palpate.config.loading import Content
 from palpate.config.objects_file import ObjectsFile
 from palpate.config.writers import file_text
-from palpate.recognizer import Catalogue, Contact, Finger
+from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
 from palpate.rig.learning.felt_outline import FeltOutline, felt_outline
 from palpate.rig.learning.learned_model import NominalOutline, learned_model, nominal_outline
+from palpate.rig.learning.touch_choice import touch_targets
 from support.oracles.shapely_touches import flat, touch, unit
 
 TIP_MM, WORKSPACE_MM = 5.0, 90.0
@@ -111,6 +114,45 @@ def test_touches_without_normals_prove_nothing_solid() -> None:
     felt = felt_outline(bare, WORKSPACE_MM)
     assert felt.inner.is_empty
     assert not felt.is_closed
+
+
+@given(
+    st.floats(0, math.pi), st.floats(0, 1), st.floats(0, 0.5), st.floats(0, 2 * math.pi), st.floats(0.5, 9)
+)
+def test_what_a_touch_proves_holds_wherever_on_its_arc_it_was(
+    span: float, share: float, off: float, turn: float, distance: float
+) -> None:
+    normals = NormalRange(-span / 2, span / 2)
+    contact = Contact("f", Finger(TIP_MM, 10.0), True, (120.0, 0.0), (0.0, 0.0), 0.5, normals)
+    arcs = felt_outline([contact], WORKSPACE_MM).touched
+    point = shapely.Point(-TIP_MM * unit(span * (share - 0.5)) + off * unit(turn))
+    (barrier,), (near,) = arcs.barriers(TIP_MM), arcs.surroundings(distance)
+    assert barrier.is_empty or shapely.hausdorff_distance(barrier, point) <= TIP_MM
+    assert near.is_empty or shapely.hausdorff_distance(near, point) <= distance
+    places = np.random.default_rng(1).uniform(-12, 12, (20, 2))
+    away = shapely.distance(point, shapely.points(places))
+    assert (away <= arcs.distances_mm(places)).all()
+
+
+def test_a_corner_that_is_touched_on_both_walls_at_once_proves_more_than_one_wall() -> None:
+    both = NormalRange(math.radians(35.0), math.radians(145.0))
+    contact = Contact("f", Finger(TIP_MM, 10.0), True, (0.0, 120.0), (0.0, 5.0), 0.3, both)
+    (barrier,) = felt_outline([contact], WORKSPACE_MM).touched.barriers(TIP_MM)
+    assert barrier.covers(shapely.Point(0.0, 3.0))
+    assert not barrier.covers(shapely.Point(0.0, 5.0))  # the tip was there
+
+
+def test_touches_are_wanted_where_neighbours_are_missing() -> None:
+    every = touches_round(SHAPES["ell"], 260, np.random.default_rng(1))
+    near = shapely.Point(30, -10).buffer(9)  # no touch of the right wall
+    left = [item for item in every if not (item.touched and near.covers(shapely.Point(item.end_mm)))]
+    assert len(left) < len(every)
+    outline = felt_by_tip(SHAPES["ell"])
+    targets = touch_targets(felt_outline(left, WORKSPACE_MM), outline, 3.0)
+    best = targets.places_mm[np.argmax(targets.worth)]
+    assert outline.exterior.distance(shapely.Point(best)) < 1e-6
+    assert best[0] == pytest.approx(30, abs=1)
+    assert -20 < best[1] < 0
 
 
 def test_a_learned_model_is_read_as_it_was_written() -> None:

@@ -12,7 +12,7 @@ is not free. No point of an arc of at most half a turn is further from such a pl
 would have to lie opposite, and then one of the ends is further away than r as well. The union of these
 places, with what they enclose and nothing can reach from outside, shrunk by r, is part of the closing.
 
-Geometry is rounded outward: chords of arcs are inside of what is swept or blocked, and shrinking goes as much
+Geometry is rounded outward: chords of arcs are inside of what is swept or not free; shrinking goes as much
 further as they may stray.
 """
 
@@ -51,8 +51,8 @@ class TouchedArcs:
         result: Floats = (self.first_mm + self.last_mm) / 2
         return result
 
-    def blocked(self, radius_mm: float) -> tuple[shapely.Geometry, ...]:
-        """Places of a tip's centre that each touch with it proves not to be free; empty if it proves none."""
+    def barriers(self, radius_mm: float) -> tuple[shapely.Geometry, ...]:
+        """Places that each touch proves not to be free for a tip's centre; empty if it proves none."""
         return self._near_both(np.where(np.isfinite(self.bulge_mm), radius_mm - self.off_mm, 0.0))
 
     def surroundings(self, distance_mm: float) -> tuple[shapely.Geometry, ...]:
@@ -109,8 +109,8 @@ class FeltOutline:
 
 def felt_outline(contacts: Sequence[Contact], workspace_radius_mm: float) -> FeltOutline:
     """Bounds by contacts and misses of upright tips of one radius and height."""
-    radius, arcs = contacts[0].finger.tip_radius_mm, _touched_arcs(contacts)
-    inner = _inner_bound(arcs.blocked(radius), radius)
+    radius, arcs = contacts[0].finger.tip_radius_mm, _arcs_of(contacts)
+    inner = _inner_bound(arcs.barriers(radius), radius)
     return FeltOutline(radius, inner, _outer_bound(contacts, workspace_radius_mm), arcs, workspace_radius_mm)
 
 
@@ -138,7 +138,7 @@ def _outer_bound(contacts: Sequence[Contact], workspace_radius_mm: float) -> sha
     return shapely.union_all(held)
 
 
-def _touched_arcs(contacts: Iterable[Contact]) -> TouchedArcs:
+def _arcs_of(contacts: Iterable[Contact]) -> TouchedArcs:
     first, last, off, bulge = list[Floats](), list[Floats](), list[float](), list[float]()
     for item in contacts:
         if not item.touched:
@@ -153,7 +153,7 @@ def _touched_arcs(contacts: Iterable[Contact]) -> TouchedArcs:
     return TouchedArcs(places[0], places[1], np.array(off), np.array(bulge))
 
 
-def _inner_bound(blocked: Sequence[shapely.Geometry], radius_mm: float) -> shapely.Geometry:
+def _inner_bound(barriers: Sequence[shapely.Geometry], radius_mm: float) -> shapely.Geometry:
     # What is enclosed no tip comes to from outside.
-    solid = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(shapely.union_all(blocked))]
+    solid = [shapely.Polygon(piece.exterior) for piece in shapely.get_parts(shapely.union_all(barriers))]
     return shapely.union_all(solid).buffer(-radius_mm * _AROUND - _ROUNDING_MM, _CHORDS_PER_QUARTER)

@@ -1,8 +1,9 @@
-"""Choice of the next touches of an unknown part: where bounds of its outline are furthest apart.
+"""Choice of the next touches of an unknown part: between those that are too far apart.
 
 Until something is known of the outline, fingers go where `exploration` sends them. Then every approach is
-taken to stop at the outline between the bounds, and to bring the bounds together near there, and beside its
-way. A grip is made of the approaches that bring most, one for each finger, as far as they go together.
+taken to stop at the outline between the bounds, or at what was touched. Touches are wanted halfway between
+neighbours between which a tip might pass, or where the bounds are too far apart. A grip is made of the
+approaches that come nearest to these, one for each finger, as far as they go together.
 """
 
 from collections.abc import Sequence
@@ -51,10 +52,10 @@ class TouchChooser:
         ends = shapely.points(self._start + self._heading * stops[:, None])
         at = shapely.line_locate_point(nominal.exterior, ends)
         touched = shapely.line_interpolate_point(nominal.exterior, at)
-        wanted = wanted_touches(felt, nominal, tolerance_mm)
-        away = shapely.distance(touched[:, None], shapely.points(wanted.places_mm)) / wanted.apart_mm
+        targets = touch_targets(felt, nominal, tolerance_mm)
+        away = shapely.distance(touched[:, None], shapely.points(targets.places_mm)) / targets.apart_mm
         near = np.clip(_NEAR_SHARE - away, 0.0, 1.0)
-        gains = wanted.worth * (near + _BESIDE_SHARE * np.clip(1 - away / _BESIDE_STEPS, 0.0, 1.0))
+        gains = targets.worth * (near + _BESIDE_SHARE * np.clip(1 - away / _BESIDE_STEPS, 0.0, 1.0))
         gains[stops >= self._travel] = 0.0
         gains *= self._novelty(contacts, stops)[:, None]
         best: tuple[float, list[int]] = (0.0, [])
@@ -114,7 +115,7 @@ class TouchChooser:
 
 
 @dataclass(frozen=True, eq=False)
-class WantedTouches:
+class TouchTargets:
     """Places (n, 2) on an outline where touches are wanted; how far they are from others there (n,), mm; and
     what each is worth (n,).
     """
@@ -124,19 +125,19 @@ class WantedTouches:
     worth: Floats
 
 
-def wanted_touches(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: float) -> WantedTouches:
+def touch_targets(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: float) -> TouchTargets:
     """Touches that are wanted between neighbours on the outline.
 
     Where a tip may pass between two of them, or where bounds are further apart than the tolerance.
     """
     ring = nominal.exterior
-    blocked = np.array(felt.touched.blocked(felt.radius_mm))
-    proving = ~shapely.is_empty(blocked)
+    barriers = np.array(felt.touched.barriers(felt.radius_mm))
+    proving = ~shapely.is_empty(barriers)
     at = shapely.line_locate_point(ring, shapely.points(felt.touched.middles_mm[proving]))
     order = np.argsort(at)
-    at, blocked = at[order], blocked[proving][order]
+    at, barriers = at[order], barriers[proving][order]
     gaps = np.diff(at, append=at[:1] + ring.length)
-    is_open = ~shapely.intersects(blocked, np.roll(blocked, -1))
+    is_open = ~shapely.intersects(barriers, np.roll(barriers, -1))
     bounds, away = deficits_mm(felt, nominal)
     after = np.searchsorted(at, shapely.line_locate_point(ring, shapely.points(bounds))) - 1
     worst = np.zeros(len(at))
@@ -148,4 +149,4 @@ def wanted_touches(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: fl
     number = np.concatenate([np.empty(0), *(np.arange(1, parts[k]) for k in rows)])
     apart = gaps[row] / parts[row]
     places = shapely.line_interpolate_point(ring, np.mod(at[row] + number * apart, ring.length))
-    return WantedTouches(shapely.get_coordinates(places).reshape(-1, 2), apart, worth[row])
+    return TouchTargets(shapely.get_coordinates(places).reshape(-1, 2), apart, worth[row])
