@@ -138,7 +138,7 @@ def learn(
         and placed.shape.difference(felt.outer.buffer(1e-3)).is_empty
         and search.holds_together
     )
-    model = search.model(f"{truth.name} {seed}")
+    model = search.model(f"{truth.name} {seed}", "learned")
     spent = time.process_time() - begin
     result = Learned(truth, model, grips, touches, seconds, spent, is_between, falling=tuple(falling))
     if model is None:

@@ -38,6 +38,16 @@ def learn(
     picture: Annotated[
         Path | None, typer.Option("--picture", help="Also draw bounds, touches and model (SVG).")
     ] = None,
+    objects: Annotated[
+        Path | None,
+        typer.Option(
+            "--objects",
+            help="What is known already: only what is none of these is learned, and written with them.",
+        ),
+    ] = None,
+    state: Annotated[
+        str, typer.Option("--state", metavar="STATE", help="What to call the way it lies now.")
+    ] = "learned",
     contacts: Annotated[
         Path | None,
         typer.Option(
@@ -54,7 +64,8 @@ def learn(
 ) -> int:
     """Touch round a part that is held on the table, and write an object model of it.
 
-    Exit code 1: there is no model, or its tolerance is not what was asked for.
+    With --objects it is recognised first. Exit code 1: it is neither known nor was it learned, or its
+    tolerance is not what was asked for.
     """
     from palpate.base.errors import InputError
     from palpate.base.file_io import check_places, write_text
@@ -63,7 +74,7 @@ def learn(
     from palpate.jobs.rig import open_rig
 
     place = out or Path(f"{name}.objects.json")
-    read = {**rig_files(rig), "--contacts": contacts, **scene_files(scene)}
+    read = {**rig_files(rig), "--objects": objects, "--contacts": contacts, **scene_files(scene)}
     check_places({"--out": place, "--picture": picture}, read)
     if not place.parent.is_dir():
         raise InputError(f"{place} cannot be written: there is no folder {place.parent}")
@@ -76,6 +87,8 @@ def learn(
             height_mm=height,
             tolerance_mm=tolerance,
             max_seconds=max_seconds,
+            objects=objects,
+            state=state,
             contacts=contacts or (),
             scene=scene,
             unconfirmed=unconfirmed,

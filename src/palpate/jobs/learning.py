@@ -2,20 +2,21 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import ObjectModel
-from palpate.base.vocabulary import RunLimit
+from palpate.base.vocabulary import IdentificationVerdict, RunLimit
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.fields import to_json
 from palpate.config.learning_result import LearningOut
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.recognizer import Contact
-from palpate.rig.identification.rig_recognition import MadeGrip
+from palpate.rig.identification.rig_recognition import MadeGrip, RigRecognition
 from palpate.rig.learning.felt_outline import FeltOutline
+from palpate.rig.learning.learned_model import with_further_states
 from palpate.rig.learning.learning_search import LearningSearch, learning_reach
 from palpate.views.felt_outline import felt_outline_picture
 
@@ -26,6 +27,8 @@ class LearnedObject:
 
     `grips`: contacts of all, misses and those that were known before included. `limit`: which one ended it,
     if one did. `fits_together`: False if touches contradict one another, as where the part was moved.
+    `verdict`: of the recognition among the objects that were known before, None if there was none; only an
+    *unknown* part is learned. `known`: those objects, and `left`: which of them it may be, by name.
     """
 
     name: str
@@ -36,18 +39,26 @@ class LearnedObject:
     limit: RunLimit | None
     fits_together: bool
     felt: tuple[FeltOutline, ...]
+    known: ObjectsFile
+    verdict: IdentificationVerdict | None = None
+    left: tuple[str, ...] = ()
 
     @property
     def goal_met(self) -> bool:
-        """True if the model's tolerance is what was asked for."""
-        return self.model is not None and self.model.tolerance_mm <= self.goal_mm
+        """True if the model's tolerance is what was asked for, or the part is one that was known before."""
+        if self.model is None:
+            return self.verdict is not None and self.verdict.is_answer
+        return self.model.tolerance_mm <= self.goal_mm
 
     @property
     def objects(self) -> ObjectsFile:
-        """The model as a catalogue of its own. Raises InputError if there is none."""
+        """The objects that were known before with the model. Raises InputError if there is no model."""
         if self.model is None:
             raise InputError(f"{self.name}: {self.text}")
-        return ObjectsFile((self.model,))
+        others = tuple(item for item in self.known.objects if item.name != self.name)
+        before = next((item for item in self.known.objects if item.name == self.name), None)
+        model = self.model if before is None else with_further_states(before, self.model)
+        return ObjectsFile((*others, model))
 
     @property
     def touch_count(self) -> int:
@@ -62,6 +73,9 @@ class LearnedObject:
             quantity(self.touch_count, "touch", "touches"),
         )
         spent = f"{grips}, {touches}, {self.rig_seconds:.0f} s"
+        if self.verdict not in (None, IdentificationVerdict.UNKNOWN):
+            names = f": {', '.join(self.left)}" if self.left else ""
+            return f"{self.verdict}{names}; only what is unknown is learned ({spent})"
         if not self.fits_together:
             return f"touches contradict one another, the part was moved: hold it, and begin again ({spent})"
         if not self.touch_count:
@@ -85,6 +99,8 @@ class LearnedObject:
                 grips=len(self.grips),
                 touches=self.touch_count,
                 rig_seconds=self.rig_seconds,
+                verdict=self.verdict,
+                objects=self.left,
             )
         )
 
@@ -101,16 +117,19 @@ class LearnedObject:
 
 @dataclass(frozen=True)
 class LearningRequest:
-    """Request for a model of a part that is `height_mm` high, in so much time at most.
+    """Request for a model of a part that is `height_mm` high, as it lies (`state`), in so much time at most.
 
-    `known`: contacts that were made before, while it lay there.
+    `contacts`: made before, while it lay there. `objects`: what is known already; without contacts the part
+    is recognised among them first.
     """
 
     name: str
+    state: str
     height_mm: float
     tolerance_mm: float
     max_seconds: float
-    known: tuple[tuple[Contact, ...], ...] = ()
+    contacts: tuple[tuple[Contact, ...], ...]
+    objects: ObjectsFile
 
 
 def begin_learning(rig: RigFile, request: LearningRequest) -> LearningSearch:
@@ -125,6 +144,11 @@ def begin_learning(rig: RigFile, request: LearningRequest) -> LearningSearch:
     ):
         if not 0 < value < math.inf:
             raise InputError(f"{name} is {value:g}; it must be more than 0")
+    before = [item for item in request.objects.objects if item.name == request.name]
+    if any(state.name == request.state for item in before for state in item.states):
+        raise InputError(
+            f'object {request.name} has a state "{request.state}" already; name the way it lies now otherwise'
+        )
     rig.require_arrays()
     emulated = None if rig.emulation is None else rig.emulation.part
     if rig.search.part_holds_n is not None or (emulated is not None and emulated.engine != "still"):
@@ -133,7 +157,7 @@ def begin_learning(rig: RigFile, request: LearningRequest) -> LearningSearch:
             "learned of a part that is held, with a rig file that declares neither"
         )
     search = LearningSearch(rig, learning_reach(rig), request.height_mm, request.tolerance_mm)
-    search.take([contact for grip in request.known for contact in grip])
+    search.take([contact for grip in request.contacts for contact in grip])
     return search
 
 
@@ -142,21 +166,52 @@ def learn(
 ) -> LearnedObject:
     """Touch what lies on the table until it is known as finely as asked for, or a limit is reached."""
     now, grips = rig.hand.clock.now, list[MadeGrip]()
-    begun_s, limit = now(), None
+    begun_s, limit, verdict = now(), None, None
+    if request.objects.objects and not request.contacts:
+        recognition = _recognise(rig, request.objects, progress)
+        grips, verdict = list(recognition.grips), recognition.verdict
+        if verdict is not IdentificationVerdict.UNKNOWN:
+            left = dict.fromkeys(item.state.object_name for item in recognition.hypotheses)
+            return replace(
+                _outcome(request, search, grips, now() - begun_s), verdict=verdict, left=tuple(left)
+            )
+        search.take([contact for grip in grips for contact in grip])
     while limit is None and not search.is_done and search.holds_together and (approaches := search.next()):
         grips.append(rig.carry_out(approaches))
         search.take(grips[-1])
         progress(_progress_text(search, grips))
         limit = RunLimit.MAX_SECONDS if now() - begun_s > request.max_seconds else None
+    return replace(
+        _outcome(request, search, grips, now() - begun_s),
+        model=search.model(request.name, request.state) if search.holds_together else None,
+        limit=None if search.is_done else limit,
+        verdict=verdict,
+    )
+
+
+def _recognise(rig: ReadyRig, objects: ObjectsFile, progress: Callable[[str], None]) -> RigRecognition:
+    """Recognition of the part among objects, as `identify` would end."""
+    recognition = rig.recognise(objects)
+    while approaches := rig.plan(recognition):
+        recognition = recognition.extend(rig.grip(approaches))
+        progress(repr(recognition).strip("<>").removeprefix("RigRecognition "))
+    return recognition
+
+
+def _outcome(
+    request: LearningRequest, search: LearningSearch, grips: Sequence[MadeGrip], seconds: float
+) -> LearnedObject:
+    """Outcome of so many grips, without a model."""
     return LearnedObject(
         request.name,
-        search.model(request.name) if search.holds_together else None,
+        None,
         request.tolerance_mm,
-        (*request.known, *(tuple(grip) for grip in grips)),
-        now() - begun_s,
-        None if search.is_done else limit,
+        (*request.contacts, *map(tuple, grips)),
+        seconds,
+        None,
         search.holds_together,
         tuple(search.felt),
+        request.objects,
     )
 
 

@@ -201,6 +201,8 @@ class Rig:
         height_mm: float,
         tolerance_mm: float = 2.0,
         max_seconds: float = 900.0,
+        state: str = "learned",
+        objects: ObjectsFile | PathLike | None = None,
         contacts: recognition.Contacts = (),
         scene: Scene | PathLike | None = None,
         unconfirmed: bool = False,
@@ -211,14 +213,16 @@ class Rig:
 
         `height_mm`: how high it is; above that there is nothing of it. Until its `tolerance_mm` is what was
         asked for, or `max_seconds` of the rig's time have passed. The part's section at the fingers' heights
-        is one piece, and inside the workspace. `contacts`: made before, as by an `identify` that ended as
-        unknown, while it lay as it lies now. On an emulated rig one of the shipped objects lies there, drawn
-        by the rig's seed, or what `scene` says. `progress`: called after every grip. Raises InputError for a
-        rig whose parts may slide or whose fingers have no arrays; `unconfirmed`, `notice` and other errors
-        are as in `identify`.
+        is one piece, and inside the workspace. `objects`: what is known already (None: nothing). The part is
+        recognised among them first, and learned only if it is *unknown*; if `name` is one of them, it gets a
+        further `state`. `contacts`: made before, as by an `identify` that ended as unknown, while it lay as
+        it lies now. On an emulated rig one of the shipped objects lies there, drawn by the rig's seed, or
+        what `scene` says. `progress`: called after every grip. Raises InputError for a rig whose parts may
+        slide or whose fingers have no arrays; `unconfirmed`, `notice` and other errors are as in `identify`.
         """
         known = tuple(map(tuple, recognition.contact_record(contacts).grips))
-        request = LearningRequest(name, height_mm, tolerance_mm, max_seconds, known)
+        before = ObjectsFile(()) if objects is None else objects_from(objects)
+        request = LearningRequest(name, state, height_mm, tolerance_mm, max_seconds, known, before)
         search = begin_learning(self.file, request)
         drawn = objects_from(None) if self.emulated else None
         with self.connect(drawn, scene=scene, unconfirmed=unconfirmed, notice=notice) as ready:

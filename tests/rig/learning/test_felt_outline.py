@@ -157,7 +157,7 @@ def test_touches_are_wanted_where_neighbours_are_missing() -> None:
 
 def test_a_learned_model_is_read_as_it_was_written() -> None:
     nominal = nominal_outline(closed_outline(SHAPES["ell"], 1))
-    model = learned_model("ell", {(6.0, 14.0): nominal}, 12.0, TIP_MM)
+    model = learned_model(("ell", "learned"), {(6.0, 14.0): nominal}, 12.0, TIP_MM)
     read = load_objects(Content("ell.json", file_text(ObjectsFile((model,))).encode())).objects[0]
     assert read.tolerance_mm == model.tolerance_mm >= nominal.tolerance_mm
     assert read.least_tip_radius_mm == TIP_MM
@@ -170,7 +170,7 @@ def test_a_learned_model_is_read_as_it_was_written() -> None:
 
 def test_a_model_that_discs_have_learned_is_read_as_it_was_written() -> None:
     square = np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
-    model = learned_model("square", {(10.0, 10.0): NominalOutline(square, 1.0)}, 30.0, TIP_MM)
+    model = learned_model(("square", "learned"), {(10.0, 10.0): NominalOutline(square, 1.0)}, 30.0, TIP_MM)
     read = load_objects(Content("square.json", file_text(ObjectsFile((model,))).encode()))
     assert read.objects[0].states[0].known_at(10.0)
     assert len(Catalogue(read.objects).edges(Finger(TIP_MM, 10.0)).state)
@@ -178,7 +178,7 @@ def test_a_model_that_discs_have_learned_is_read_as_it_was_written() -> None:
 
 def test_a_smaller_tip_is_refused_where_larger_ones_learned() -> None:
     square = np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
-    model = learned_model("square", {(6.0, 14.0): NominalOutline(square, 1.0)}, 30.0, TIP_MM)
+    model = learned_model(("square", "learned"), {(6.0, 14.0): NominalOutline(square, 1.0)}, 30.0, TIP_MM)
     catalogue = Catalogue([model, flat("other", square)])
     assert len(catalogue.edges(Finger(TIP_MM, 10.0, 4.0)).state)
     with pytest.raises(InputError, match="square"):
@@ -196,7 +196,7 @@ def test_outlines_that_may_be_symmetric_are_made_so(name: str, order: int) -> No
     }[name]
     felt = closed_outline(shape, 4)
     nominal = nominal_outline(felt)
-    catalogue = Catalogue([learned_model(name, {(6.0, 14.0): nominal}, 30.0, TIP_MM)])
+    catalogue = Catalogue([learned_model((name, "learned"), {(6.0, 14.0): nominal}, 30.0, TIP_MM)])
     assert catalogue.states[0].symmetry_order == order
     near = shapely.Polygon(nominal.points_mm).exterior.buffer(nominal.tolerance_mm + 1e-3, QUARTER)
     assert near.covers(felt_by_tip(shape).exterior)

@@ -8,7 +8,7 @@ Normals of what was touched are not bounded, but for what tips of that radius ca
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -26,8 +26,7 @@ _ROUNDING_MM = 1e-3
 _EVEN_FACTOR = 1.25  # by which a tolerance may be larger for the sake of a symmetry
 _GROWTH = 1.02  # of a tolerance that proves to be too small
 
-LEARNED_STATE = "learned"
-"""Name of the state in which a part was learned."""
+_ANY_NORMAL_RAD = math.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +123,15 @@ def _is_tolerated(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: flo
 
 
 def learned_model(
-    name: str,
+    name: tuple[str, str],
     outlines: Mapping[tuple[float, float], NominalOutline],
     height_mm: float,
     least_tip_radius_mm: float,
 ) -> ObjectModel:
-    """The object, so high, of outlines felt by tips between heights (from, to), about its middle."""
+    """The object and state of these names, so high, of outlines felt by tips between heights (from, to).
+
+    Its frame's origin is about its middle.
+    """
     first = next(iter(outlines.values()))
     origin = np.round(first.points_mm.mean(axis=0), 3)
     heights = [
@@ -140,12 +142,24 @@ def learned_model(
         Section(span, (Polygon(np.round(item.points_mm - origin, 4)),))
         for span, item in zip(heights, outlines.values(), strict=True)
     )
-    state = State(LEARNED_STATE, sections, height_mm=height_mm, heights_mm=tuple(sorted(heights)))
+    state = State(name[1], sections, height_mm=height_mm, heights_mm=tuple(sorted(heights)))
     tolerance = max(item.tolerance_mm for item in outlines.values()) + _ROUNDING_MM
     return ObjectModel(
-        name,
+        name[0],
         (state,),
         round(tolerance, 3),
-        normal_bound_rad=math.pi,
+        normal_bound_rad=_ANY_NORMAL_RAD,
         least_tip_radius_mm=least_tip_radius_mm,
+    )
+
+
+def with_further_states(known: ObjectModel, learned: ObjectModel) -> ObjectModel:
+    """The object, known in some states, with those that were learned, and the bounds that hold for all."""
+    radii = [item.least_tip_radius_mm or 0.0 for item in (known, learned)]
+    return replace(
+        known,
+        states=(*known.states, *learned.states),
+        tolerance_mm=max(known.tolerance_mm, learned.tolerance_mm),
+        normal_bound_rad=_ANY_NORMAL_RAD,
+        least_tip_radius_mm=max(radii),
     )

@@ -126,13 +126,15 @@ class LearningSearch:
                 return grip
         return ()
 
-    def model(self, name: str) -> ObjectModel | None:
-        """The object as it is known so far; None while some outline is not closed."""
+    def model(self, name: str, state: str) -> ObjectModel | None:
+        """The object of this name in a state as it is known so far; None while some outline is not closed."""
         known = {kind.finger: kind.nominal for kind in self._kinds.values()}
         outlines = {finger.span_mm: item for finger, item in known.items() if item is not None}
         if len(outlines) < len(known):
             return None
-        return learned_model(name, outlines, self._height_mm, max(finger.tip_radius_mm for finger in known))
+        return learned_model(
+            (name, state), outlines, self._height_mm, max(finger.tip_radius_mm for finger in known)
+        )
 
 
 def learning_reach(rig: RigFile) -> Reach:
