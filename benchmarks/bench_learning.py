@@ -16,7 +16,6 @@ import argparse
 import importlib.util
 import math
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -35,33 +34,12 @@ from palpate.rig.identification.identify import search
 from palpate.rig.learning.learning_search import LearningSearch, learning_reach
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of
-from support.benches.rigs import firm_rig
-from support.commands.repository import SHARED_OUTLINES
+from support.commands.repository import EXAMPLES, SHARED_OUTLINES
 from support.oracles.shapely_touches import outlines, place, touch
 
 POSITION_MM, PATH_MM, NORMAL_RAD = 0.33, 0.58, math.radians(9.5)
 TIP_MM, HEIGHT_MM, QUARTER = 5.0, 20.0, 64
 SMALLEST_MM, LARGEST_MM = 35.0, 110.0
-STAGE = """[stage]
-centre_mm = [0.0, 0.0]
-dxl_id = 1
-model = "XM430-W350"
-gear_ratio = 5.0
-range_deg = [-35.0, 35.0]
-zero_deg = 180.0
-backlash_deg = 0.02
-bound_deg = 0.02
-centre_bound_mm = 0.05
-
-[closing]"""
-
-
-def turning_rig() -> RigFile:
-    """The firm bench, its fingers on a stage."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "rig.toml")
-        path.write_text(firm_rig().read_text(encoding="utf-8").replace("[closing]", STAGE, 1), "utf-8")
-        return load_rig(path)
 
 
 def hands(
@@ -187,7 +165,7 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, default=1.5)
     parser.add_argument("--seconds", type=float, default=600.0)
     given = parser.parse_args()
-    rig = turning_rig()
+    rig = load_rig(EXAMPLES / "turning-rig.toml")
     reach = learning_reach(rig)
     truths = [
         item

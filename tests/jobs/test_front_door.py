@@ -274,12 +274,13 @@ def test_contacts_only(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.campaign
-@pytest.mark.parametrize("name", ["identify", "several_parts"])
+@pytest.mark.parametrize("name", ["identify", "several_parts", "learn_a_part"])
 def test_the_notebook_runs_from_the_first_cell_to_the_last(name: str, tmp_path: Path) -> None:
     import nbformat
     from nbclient import NotebookClient
 
-    shutil.copy(EXAMPLES / "firm-rig.toml", tmp_path)
+    for rig in ("firm-rig.toml", "turning-rig.toml"):
+        shutil.copy(EXAMPLES / rig, tmp_path)
     notebook = nbformat.read(EXAMPLES / f"{name}.ipynb", as_version=4)
     NotebookClient(notebook, timeout=PATIENCE_S, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]

@@ -143,7 +143,7 @@ def learned_model(
         for span, item in zip(heights, outlines.values(), strict=True)
     )
     state = State(name[1], sections, height_mm=height_mm, heights_mm=tuple(sorted(heights)))
-    tolerance = max(item.tolerance_mm for item in outlines.values()) + _ROUNDING_MM
+    tolerance = max(item.tolerance_mm for item in outlines.values())  # with room for rounded corners
     return ObjectModel(
         name[0],
         (state,),
