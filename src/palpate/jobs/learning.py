@@ -27,8 +27,9 @@ class LearnedObject:
 
     `grips`: contacts of all, misses and those that were known before included. `limit`: which one ended it,
     if one did. `fits_together`: False if touches contradict one another, as where the part was moved.
-    `verdict`: of the recognition among the objects that were known before, None if there was none; only an
-    *unknown* part is learned. `known`: those objects, and `left`: which of them it may be, by name.
+    `open_places_mm`: where a tip may pass between neighbouring touches, in W. `verdict`: of the recognition
+    among the objects that were known before, None if there was none; only an *unknown* part is learned.
+    `known`: those objects, and `left`: which of them it may be, by name.
     """
 
     name: str
@@ -39,6 +40,7 @@ class LearnedObject:
     limit: RunLimit | None
     fits_together: bool
     felt: tuple[FeltOutline, ...]
+    open_places_mm: tuple[tuple[float, float], ...]
     known: ObjectsFile
     verdict: IdentificationVerdict | None = None
     left: tuple[str, ...] = ()
@@ -81,7 +83,12 @@ class LearnedObject:
         if not self.touch_count:
             return f"nothing was touched ({spent})"
         if self.model is None:
-            return f"the outline is not closed: more time, or a stage that turns, would close it ({spent})"
+            where = ""
+            if self.open_places_mm:
+                x, y = self.open_places_mm[0]
+                places = quantity(len(self.open_places_mm), "place", "places")
+                where = f" at {places}, such as x {x:.0f} mm, y {y:.0f} mm"
+            return f"the outline is not closed{where}: give it more time, or a stage that turns ({spent})"
         asked = "" if self.goal_met else f", for a goal of {self.goal_mm:g} mm"
         return f"learned with a tolerance of {self.model.tolerance_mm:.2f} mm{asked} ({spent})"
 
@@ -106,7 +113,7 @@ class LearnedObject:
 
     def picture(self) -> str:
         """SVG of the bounds, of what was touched, and of the model."""
-        return felt_outline_picture(self.name, self.felt, self.text)
+        return felt_outline_picture(self.name, self.felt, self.open_places_mm, self.text)
 
     def _repr_svg_(self) -> str:
         return self.picture()
@@ -211,6 +218,7 @@ def _outcome(
         None,
         search.holds_together,
         tuple(search.felt),
+        search.open_places_mm,
         request.objects,
     )
 

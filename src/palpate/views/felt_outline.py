@@ -15,8 +15,13 @@ _AROUND_MM = 8.0
 _SCALE_MM = 10.0
 
 
-def felt_outline_picture(name: str, outlines: Sequence[FeltOutline], summary: str) -> str:
-    """SVG of each outline, one below the other; W has x to the right and y up."""
+def felt_outline_picture(
+    name: str, outlines: Sequence[FeltOutline], open_mm: Sequence[tuple[float, float]], summary: str
+) -> str:
+    """SVG of each outline, one below the other; W has x to the right and y up.
+
+    `open_mm`: places that are not closed, rings in the drawing.
+    """
     parts = [svg.text(f"{name}, as tips have felt it", _MARGIN, 26.0, size=16.0, weight="bold")]
     parts += [
         svg.text(line, _MARGIN, 44.0 + 15.0 * k)
@@ -24,13 +29,13 @@ def felt_outline_picture(name: str, outlines: Sequence[FeltOutline], summary: st
     ]
     top = _HEAD + 18.0
     for felt in outlines:
-        drawn, height = _drawn(felt, top)
+        drawn, height = _drawn(felt, open_mm, top)
         parts, top = [*parts, *drawn], top + height
     parts += _legend(top + 8.0)
     return svg.document((_WIDTH, top + _FOOT), *parts, title=f"{name}: {summary}", is_sized=True)
 
 
-def _drawn(felt: FeltOutline, top: float) -> tuple[list[str], float]:
+def _drawn(felt: FeltOutline, open_mm: Sequence[tuple[float, float]], top: float) -> tuple[list[str], float]:
     """Drawing of one outline from `top` on, and its height."""
     corners = felt.touched.middles_mm if len(felt.touched.middles_mm) else np.zeros((1, 2))
     low, high = corners.min(axis=0) - _AROUND_MM, corners.max(axis=0) + _AROUND_MM
@@ -59,6 +64,8 @@ def _drawn(felt: FeltOutline, top: float) -> tuple[list[str], float]:
         model = place(known.points_mm)
         parts.append(svg.closed_path([model], fill="none", stroke=svg.FOUND, stroke_width=svg.LINE))
     parts += [svg.circle((x, y), 2.0, fill=svg.TRUTH) for x, y in place(felt.touched.middles_mm).tolist()]
+    ringed = place(np.array(open_mm).reshape(-1, 2)).tolist()
+    parts += [svg.circle((x, y), 5.0, fill="none", stroke=svg.MISS) for x, y in ringed]
     height = scale * float(high[1] - low[1])
     at = _WIDTH - _MARGIN - scale * _SCALE_MM, top + height + 16.0
     parts.append(svg.segment(at, (at[0] + scale * _SCALE_MM, at[1]), stroke=svg.INK, stroke_width=svg.LINE))
@@ -68,10 +75,11 @@ def _drawn(felt: FeltOutline, top: float) -> tuple[list[str], float]:
 
 def _legend(top: float) -> list[str]:
     entries = (
-        ("certainly solid to a tip", svg.TIP_FILL, svg.TIP),
+        ("solid to a tip", svg.TIP_FILL, svg.TIP),
         ("may be solid", svg.FAINT, svg.AXIS),
         ("model", "none", svg.FOUND),
         ("touched", svg.TRUTH, svg.TRUTH),
+        ("not closed", "none", svg.MISS),
     )
     parts, x = list[str](), _MARGIN
     for words, fill, line in entries:

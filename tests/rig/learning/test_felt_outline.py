@@ -17,7 +17,7 @@ from palpate.config.writers import file_text
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
 from palpate.rig.learning.felt_outline import FeltOutline, felt_outline
 from palpate.rig.learning.learned_model import NominalOutline, learned_model, nominal_outline
-from palpate.rig.learning.touch_choice import touch_targets
+from palpate.rig.learning.touch_choice import open_places_mm, touch_targets
 from support.oracles.shapely_touches import flat, touch, unit
 
 TIP_MM, WORKSPACE_MM = 5.0, 90.0
@@ -153,6 +153,19 @@ def test_touches_are_wanted_where_neighbours_are_missing() -> None:
     assert outline.exterior.distance(shapely.Point(best)) < 1e-6
     assert best[0] == pytest.approx(30, abs=1)
     assert -20 < best[1] < 0
+
+
+def test_where_nothing_is_proven_all_of_the_outline_is_open() -> None:
+    few = touches_round(SHAPES["ell"], 12, np.random.default_rng(1))
+    outline = felt_by_tip(SHAPES["ell"])
+    for count in (0, 1, 5):
+        touched = [item for item in few if item.touched]
+        bare = [*touched[:count], *(replace(item, normal=None) for item in touched[count:])]
+        felt = felt_outline(bare, WORKSPACE_MM)
+        assert len(touch_targets(felt, outline, 2.0).places_mm) > 10
+        assert 1 <= len(open_places_mm(felt, outline)) <= max(count, 1)
+    closed = closed_outline(SHAPES["ell"], 1)
+    assert len(open_places_mm(closed, shapely.Polygon(nominal_outline(closed).points_mm))) == 0
 
 
 def test_a_learned_model_is_read_as_it_was_written() -> None:

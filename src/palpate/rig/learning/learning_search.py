@@ -14,7 +14,7 @@ from palpate.recognizer import Contact, Finger, FingerApproach
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.learning.felt_outline import FeltOutline, felt_outline
 from palpate.rig.learning.learned_model import NominalOutline, known_outline, learned_model
-from palpate.rig.learning.touch_choice import TouchChooser
+from palpate.rig.learning.touch_choice import TouchChooser, open_places_mm
 from palpate.rig.reach.approaches import Reach, reach_of
 
 _MOST_PATHS = 5000  # in corners a millimetre more or less decides whether a tip may pass
@@ -83,6 +83,15 @@ class LearningSearch:
     def outlines(self) -> Sequence[NominalOutline]:
         """Outlines between the bounds, of heights at which these are closed."""
         return [kind.nominal for kind in self._kinds.values() if kind.nominal is not None]
+
+    @property
+    def open_places_mm(self) -> tuple[tuple[float, float], ...]:
+        """Places in W where a tip may pass between neighbouring touches, so that an outline is not closed."""
+        known = [(kind.felt, kind.guess) for kind in self._kinds.values()]
+        found = [
+            open_places_mm(felt, guess) for felt, guess in known if felt is not None and guess is not None
+        ]
+        return tuple((float(x), float(y)) for places in found for x, y in places)
 
     @property
     def holds_together(self) -> bool:

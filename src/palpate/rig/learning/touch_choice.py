@@ -131,13 +131,7 @@ def touch_targets(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: flo
     Where a tip may pass between two of them, or where bounds are further apart than the tolerance.
     """
     ring = nominal.exterior
-    barriers = np.array(felt.touched.barriers(felt.radius_mm))
-    proving = ~shapely.is_empty(barriers)
-    at = shapely.line_locate_point(ring, shapely.points(felt.touched.middles_mm[proving]))
-    order = np.argsort(at)
-    at, barriers = at[order], barriers[proving][order]
-    gaps = np.diff(at, append=at[:1] + ring.length)
-    is_open = ~shapely.intersects(barriers, np.roll(barriers, -1))
+    at, gaps, is_open = _neighbours(felt, ring)
     bounds, away = deficits_mm(felt, nominal)
     after = np.searchsorted(at, shapely.line_locate_point(ring, shapely.points(bounds))) - 1
     worst = np.zeros(len(at))
@@ -150,3 +144,27 @@ def touch_targets(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: flo
     apart = gaps[row] / parts[row]
     places = shapely.line_interpolate_point(ring, np.mod(at[row] + number * apart, ring.length))
     return TouchTargets(shapely.get_coordinates(places).reshape(-1, 2), apart, worth[row])
+
+
+def open_places_mm(felt: FeltOutline, nominal: shapely.Polygon) -> Floats:
+    """Middles (k, 2) of those stretches of an outline where a tip may pass between neighbouring touches."""
+    at, gaps, is_open = _neighbours(felt, nominal.exterior)
+    middles = np.mod(at + gaps / 2, nominal.exterior.length)[is_open]
+    found = shapely.line_interpolate_point(nominal.exterior, middles)
+    result: Floats = shapely.get_coordinates(found).reshape(-1, 2)
+    return result
+
+
+def _neighbours(felt: FeltOutline, ring: shapely.LinearRing) -> tuple[Floats, Floats, Bools]:
+    """Touches (n,) that prove places not to be free, in order along a ring: where each is, and how far it is
+    from there to the next, mm; and whether a tip may pass between the two. One at 0 if there are none.
+    """
+    barriers = np.array(felt.touched.barriers(felt.radius_mm))
+    proving = ~shapely.is_empty(barriers)
+    at = shapely.line_locate_point(ring, shapely.points(felt.touched.middles_mm[proving]))
+    if len(at) < 2:
+        return np.append(at, 0.0)[:1], np.array([ring.length]), np.ones(1, dtype=bool)
+    order = np.argsort(at)
+    at, barriers = at[order], barriers[proving][order]
+    gaps = np.diff(at, append=at[:1] + ring.length)
+    return at, gaps, ~shapely.intersects(barriers, np.roll(barriers, -1))
