@@ -85,11 +85,13 @@ def test_each_run_on_one_rig_draws_the_next_part_and_replays(
 ) -> None:
     rig_file, parts = bench
     events: list[Event] = []
-    with palpate.open_rig(rig_file, seed=3) as rig:
+    with palpate.open_rig(rig_file, seed=3).with_(search={"max_grips": 1}) as rig:
         first, second = (rig.identify(parts, sessions=tmp_path, on_event=events.append) for _ in range(2))
     assert sum(isinstance(event, TouchEvent) for event in events) == first.result.grips + second.result.grips
     assert first.session != second.session
-    assert first.object != second.object
+    assert first.result.truth is not None
+    assert second.result.truth is not None
+    assert first.result.truth.object != second.result.truth.object
     for answer in (first, second):
         assert answer.result.truth is not None
         assert answer.result.truth.inside_bounds

@@ -31,8 +31,24 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return quick_bench(tmp_path_factory.mktemp("bench"))
 
 
-@pytest.mark.parametrize("seed", sample(range(1, 13), [2, 7]))
-def test_the_loop_of_the_page_is_identify(bench: tuple[Path, Path], seed: int) -> None:
+@pytest.fixture(scope="module")
+def brief(bench: tuple[Path, Path]) -> Path:
+    """Rig file of that bench which gives up after a grip."""
+    path = bench[0].with_name("brief.toml")
+    path.write_text(bench[0].read_text().replace("max_grips = 12", "max_grips = 1"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def planned(bench: tuple[Path, Path]) -> palpate.Answer:
+    """The answer of palpate's own run."""
+    return palpate.open_rig(bench[0], seed=7).identify(bench[1])
+
+
+@pytest.mark.parametrize("seed", sample(range(1, 13), [7]))
+def test_the_loop_of_the_page_is_identify(
+    bench: tuple[Path, Path], planned: palpate.Answer, seed: int
+) -> None:
     """The same touches, to the last bit, and the same answer."""
     assert LOOP is not None
     assert LOOP[1].count("\n") <= 10
@@ -41,7 +57,7 @@ def test_the_loop_of_the_page_is_identify(bench: tuple[Path, Path], seed: int) -
     exec(text.replace('"my-parts.json"', repr(str(bench[1]))), {"palpate": palpate}, names)
     found = names["recognition"]
     assert isinstance(found, palpate.RigRecognition)
-    answer = palpate.open_rig(bench[0], seed=seed).identify(bench[1])
+    answer = planned if seed == 7 else palpate.open_rig(bench[0], seed=seed).identify(bench[1])
     assert tuple(map(tuple, found.grips)) == answer.grips
     assert found.verdict == answer.verdict
     assert [item.state.object_name for item in found.hypotheses][:1] == [answer.object][
@@ -132,12 +148,14 @@ def test_torque_is_off_after_a_grip_that_failed_even_if_the_error_is_caught(
     assert switched == [raised]
 
 
-def test_an_own_strategy_chooses_the_grips_and_ends_the_run(bench: tuple[Path, Path], tmp_path: Path) -> None:
+def test_an_own_strategy_chooses_the_grips_and_ends_the_run(
+    bench: tuple[Path, Path], planned: palpate.Answer, tmp_path: Path
+) -> None:
     """It may ask palpate's planner; what it chooses is checked; its session says that it is not replayed."""
     rig = palpate.open_rig(bench[0], seed=7)
-    planned = rig.identify(bench[1], strategy=lambda known, planner: planner.plan(known), scene=None)
-    assert planned.result.strategy == "own"
-    assert planned.grips == palpate.open_rig(bench[0], seed=7).identify(bench[1]).grips
+    own = rig.identify(bench[1], strategy=lambda known, planner: planner.plan(known), scene=None)
+    assert own.result.strategy == "own"
+    assert own.grips == planned.grips
     seen: list[int] = []
 
     def once(
@@ -173,9 +191,11 @@ def test_a_changed_rig_is_checked_as_a_file_is(bench: tuple[Path, Path], tmp_pat
         with pytest.raises(palpate.InputError, match=place) as refused:
             rig.with_(**tables)  # type: ignore[arg-type]
         assert str(bench[0]) in str(refused.value)
-    session = changed.identify(bench[1], sessions=tmp_path, strategy="planned").session
+    brief = changed.with_(search={"max_grips": 1})
+    session = brief.identify(bench[1], sessions=tmp_path, strategy="planned").session
     kept, _, _ = load_kept_inputs(Path(session or ""), scene=False, calibration=False)
-    assert kept.rig == changed.file
+    assert kept.rig == brief.file
+    assert brief.with_(search={"max_grips": changed.file.search.max_grips}).file == changed.file
     assert palpate.open_session(session or "").replay().difference is None
     with pytest.raises(palpate.InputError, match="change the file itself"):
         changed.calibrate()
@@ -222,7 +242,7 @@ def test_a_script_is_short_and_uses_the_documented_door(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", sample([2, 10], [2]))
+@pytest.mark.parametrize("number", sample([1, 10], [1]))
 def test_ten_parts_in_a_row_to_a_table(bench: tuple[Path, Path], tmp_path: Path, number: int) -> None:
     script(EXAMPLES / "identify_ten.py", *bench, number, "found.csv", cwd=tmp_path)
     with (tmp_path / "found.csv").open(newline="") as file:
@@ -241,16 +261,22 @@ def test_own_order(bench: tuple[Path, Path], tmp_path: Path) -> None:
     assert [re.search(r"name='(f\d)'", line)[1] for line in lines] == ["f1", "f2", "f3"] * 3  # type: ignore[index]
 
 
-def test_a_sweep(bench: tuple[Path, Path], tmp_path: Path) -> None:
-    _, *rows = script(EXAMPLES / "sweep_speed.py", *bench, cwd=tmp_path).splitlines()
+def test_a_sweep(bench: tuple[Path, Path], brief: Path, tmp_path: Path) -> None:
+    _, *rows = script(EXAMPLES / "sweep_speed.py", brief, bench[1], cwd=tmp_path).splitlines()
     assert [float(row.split()[0]) for row in rows] == [4.0, 6.0, 10.0]
 
 
 def test_a_live_plot(bench: tuple[Path, Path], tmp_path: Path) -> None:
     """Of a recorded run, which ends; its forces are those of touches."""
     pytest.importorskip("matplotlib")
-    brief = palpate.open_rig(bench[0], seed=7).with_(search={"max_grips": 1})
-    session = brief.identify(bench[1], sessions=tmp_path).session
+
+    def touch_once(
+        known: palpate.RigRecognition, planner: palpate.GripPlanner
+    ) -> Sequence[palpate.FingerApproach] | None:
+        return None if known.grips else planner.approaches[:1]
+
+    rig = palpate.open_rig(bench[0], seed=7)
+    session = rig.identify(bench[1], strategy=touch_once, sessions=tmp_path).session
     script(
         "-W", "ignore", EXAMPLES / "plot_array.py", session, "f1", cwd=tmp_path, MPLCONFIGDIR=str(tmp_path)
     )
@@ -289,17 +315,22 @@ def run_pytest(project: Path, *words: object) -> subprocess.CompletedProcess[str
     return subprocess.run(command, cwd=project, capture_output=True, text=True, check=False, env=env)
 
 
-def test_a_fixture_in_another_project(project: Path, bench: tuple[Path, Path]) -> None:
-    (project / "test_pick.py").write_text((EXAMPLES / "project" / "test_pick.py").read_text())
+@pytest.mark.campaign
+def test_the_example_of_another_project(project: Path) -> None:
+    done = run_pytest(project, "--strict-markers", EXAMPLES / "project" / "test_pick.py")
+    assert "1 passed" in done.stdout, done.stdout + done.stderr
+
+
+def test_a_fixture_in_another_project(project: Path, bench: tuple[Path, Path], brief: Path) -> None:
     (project / "test_more.py").write_text(
         "import pytest\n"
-        f"@pytest.mark.palpate_rig(seed=7, file={str(bench[0])!r})\n"
-        f"def test_it(palpate_rig):\n    assert palpate_rig.identify({str(bench[1])!r}).object\n"
+        f"@pytest.mark.palpate_rig(seed=7, file={str(brief)!r})\n"
+        f"def test_it(palpate_rig):\n    assert palpate_rig.identify({str(bench[1])!r}).touches\n"
         "def test_default(palpate_rig):\n    assert palpate_rig.file.name == 'bench'\n"
         "@pytest.mark.palpate_rig(7)\ndef test_wrong(palpate_rig): pass\n"
     )
     done = run_pytest(project, "--strict-markers", "-rA")
-    assert "3 passed, 1 error" in done.stdout, done.stdout + done.stderr
+    assert "2 passed, 1 error" in done.stdout, done.stdout + done.stderr
     assert "the marker has these two, by name" in done.stdout
 
 
