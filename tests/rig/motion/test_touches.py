@@ -2,8 +2,9 @@
 
 import math
 import tomllib
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,27 @@ def gripped(session: EmulatedSession, fast_mm: float) -> tuple[list[Touch], floa
         return touches, session.clock.now() - begun
 
 
+@dataclass(frozen=True)
+class Gripped:
+    """A grip that was slow all the way, with whose session, and how long it took."""
+
+    session: EmulatedSession
+    touches: list[Touch]
+    seconds: float
+
+
+@pytest.fixture(scope="module")
+def slow_grip() -> Callable[[Path], Gripped]:
+    """Such a grip of a rig, which is made once."""
+
+    @cache
+    def grip_of(path: Path) -> Gripped:
+        session = emulated_session(seed=7, rig=light(load_rig(path)))
+        return Gripped(session, *gripped(session, 0.0))
+
+    return grip_of
+
+
 @pytest.mark.parametrize(
     "path",
     [
@@ -59,10 +81,12 @@ def gripped(session: EmulatedSession, fast_mm: float) -> tuple[list[Touch], floa
         pytest.param(EXAMPLES / "two-link-rig.toml", id="arms", marks=pytest.mark.campaign),
     ],
 )
-def test_a_finger_is_slow_where_it_may_meet_the_part(path: Path) -> None:
-    rig = light(load_rig(path))
-    sessions = [emulated_session(seed=7, rig=rig) for _ in range(2)]
-    slow, slow_s = gripped(sessions[0], 0.0)
+def test_a_finger_is_slow_where_it_may_meet_the_part(
+    path: Path, slow_grip: Callable[[Path], Gripped]
+) -> None:
+    rig, before = light(load_rig(path)), slow_grip(path)
+    sessions = [before.session, emulated_session(seed=7, rig=rig)]
+    slow, slow_s = before.touches, before.seconds
     way = min(float(np.hypot(*np.subtract(t.contact.end_mm, t.contact.start_mm))) for t in slow)
     fast, fast_s = gripped(sessions[1], way - 10.0)
     assert fast_s < 0.9 * slow_s
@@ -76,10 +100,9 @@ def test_a_finger_is_slow_where_it_may_meet_the_part(path: Path) -> None:
         assert apart < one.contact.position_bound_mm + other.contact.position_bound_mm
 
 
-def test_every_touch_says_what_it_loaded_the_part_with() -> None:
-    session = emulated_session(seed=7, rig=light(load_rig(firm_rig())))
-    touches, _ = gripped(session, 0.0)
-    for touch, finger in zip(touches, session.bench.fingers, strict=True):
+def test_every_touch_says_what_it_loaded_the_part_with(slow_grip: Callable[[Path], Gripped]) -> None:
+    grip = slow_grip(firm_rig())
+    for touch, finger in zip(grip.touches, grip.session.bench.fingers, strict=True):
         assert [load.stage for load in touch.loads] == [TouchStage.QUICK, TouchStage.SLOW]
         peak = max(load.peak_force_n for load in touch.loads)
         assert peak == pytest.approx(finger.hardest_n, rel=0.25)
@@ -122,24 +145,26 @@ def test_the_quickest_speed_presses_with_no_more_than_is_asked() -> None:
     assert quickest_mm_s(rig, 0.0) == 2.0, "no slower than a contact is measured"
 
 
-def test_a_finger_has_slowed_down_where_free_space_ends_and_not_long_before() -> None:
+@pytest.mark.parametrize("rate_hz", sample([100.0, 250.0, 500.0], [100.0]))
+def test_a_finger_has_slowed_down_where_free_space_ends_and_not_long_before(rate_hz: float) -> None:
     """Whatever the time between two looks at the servos."""
-    for rate_hz in (100.0, 250.0, 500.0):
-        rig = light(load_rig(firm_rig()), sample_rate_hz=rate_hz)
-        touches, _ = gripped(emulated_session(seed=7, rig=rig), 40.0)
-        for touch in touches:
-            trace = touch.trace
-            assert trace is not None
-            speed = np.gradient(trace.travel_mm, trace.time_s)
-            on_way = (trace.time_s < trace.time_s[np.argmax(trace.travel_mm)]) & (trace.travel_mm > 20.0)
-            slow = trace.travel_mm[on_way & (speed < 1.5 * 5.0)]
-            assert 38.0 < slow.min() < 40.6
+    rig = light(load_rig(firm_rig()), sample_rate_hz=rate_hz)
+    touches, _ = gripped(emulated_session(seed=7, rig=rig), 40.0)
+    for touch in touches:
+        trace = touch.trace
+        assert trace is not None
+        speed = np.gradient(trace.travel_mm, trace.time_s)
+        on_way = (trace.time_s < trace.time_s[np.argmax(trace.travel_mm)]) & (trace.travel_mm > 20.0)
+        slow = trace.travel_mm[on_way & (speed < 1.5 * 5.0)]
+        assert 38.0 < slow.min() < 40.6
 
 
-def test_a_miss_says_nothing_of_the_way_from_where_something_was_felt() -> None:
+def test_a_miss_says_nothing_of_the_way_from_where_something_was_felt(
+    slow_grip: Callable[[Path], Gripped],
+) -> None:
     """A finger that ends its way pressing on the part, with less than counts as a contact."""
     rig = light(load_rig(firm_rig()), contact_force_n=2.0)
-    found, _ = gripped(emulated_session(seed=7, rig=light(load_rig(firm_rig()))), 0.0)
+    found = slow_grip(firm_rig()).touches
     session = emulated_session(seed=7, rig=rig)
     ways = [math.dist(touch.contact.start_mm, touch.contact.end_mm) for touch in found]
     grip = [replace(item, travel_mm=way + 0.3) for item, way in zip(session.middle(), ways, strict=True)]
@@ -221,7 +246,7 @@ STALL_S = 0.13
 """Less than the silence after which an array counts as lost."""
 
 
-@pytest.mark.parametrize(("kind", "name", "seed"), sample(GRIPS, GRIPS[1:]))
+@pytest.mark.parametrize(("kind", "name", "seed"), sample(GRIPS, GRIPS[1:2]))
 def test_claims_of_a_grip_hold_behind_adapters_as_bought(kind: str, name: str, seed: int) -> None:
     found = run_grip(kind, BY_NAME[name], seed)
     assert not isinstance(found, str), found
