@@ -61,7 +61,9 @@ def test_true_tables_are_not_doubted() -> None:
     ("change", "key"),
     [
         (lambda spec: with_sign(spec, "aim"), "aim.gear_ratio"),
-        pytest.param(lambda spec: with_travel(spec, 0.5), "mm_per_turn is 2 times", marks=pytest.mark.slow),
+        pytest.param(
+            lambda spec: with_travel(spec, 0.5), "mm_per_turn is 2 times", marks=pytest.mark.campaign
+        ),
     ],
 )
 def test_the_wrong_finger_and_its_key_are_named(

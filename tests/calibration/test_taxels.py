@@ -48,6 +48,7 @@ from support.benches.presses import (
 )
 from support.benches.simulated_rig import SimulatedProber, SimulatedRig
 from support.benches.touched_references import SPECS
+from support.campaign.sampling import sample
 from support.commands.repository import EXAMPLES
 
 # ----------------------------------------------------------------------------------------------------
@@ -287,9 +288,10 @@ def test_an_array_that_was_not_pressed_where_its_columns_are_is_refused() -> Non
         fit_gains(rolled(pressed.presses, 8), DESCRIPTION, pressed.idle, SPEC)
 
 
-def test_bounds_hold_where_travels_are_not_well_known() -> None:
+@pytest.mark.parametrize("seeds", sample([2, 6], [2]))
+def test_bounds_hold_where_travels_are_not_well_known(seeds: int) -> None:
     errors = []
-    for seed in range(21, 27):
+    for seed in range(21, 21 + seeds):
         pressed, rng = bench(seed, bearings_deg=FEW_DEG), np.random.default_rng(seed)
         presses = [
             replace(
@@ -308,24 +310,24 @@ def test_bounds_hold_where_travels_are_not_well_known() -> None:
     assert np.mean(np.concatenate(errors) ** 2) < 1.0
 
 
-def test_an_arm_that_gives_way_differently_in_each_press() -> None:
+@pytest.mark.parametrize("seed", sample([31, 32, 33], [31]))
+def test_an_arm_that_gives_way_differently_in_each_press(seed: int) -> None:
     (arm, *_) = (spec for spec in load_rig(EXAMPLES / "fresh-arms.toml").fingers)
     bounds = arm.bounds.model_copy(update={"deflection_mm_per_n": 0.05})
     array, tip = SPEC.array, arm.tip.model_copy(update={"radius_mm": 5.0})
     spec = arm.model_copy(update={"bounds": bounds, "array": array, "tip": tip})
-    for seed in (31, 32, 33):
-        pressed, rng = bench(seed), np.random.default_rng(seed)
-        firm, common = pressed.finger.truth.stiffness_n_per_mm, rng.uniform(0, 1)
-        presses = []
-        for at in pressed.presses:
-            longer = 1 + 0.05 * firm * (common + rng.uniform(0, 1)) / 2
-            presses.append(replace(at, press=replace(at.press, travel_mm=at.press.travel_mm * longer)))
-        found = fit_gains(presses, DESCRIPTION, pressed.idle, spec)
-        bound = np.array(found.gain_bound)
-        off, well = np.abs(np.array(found.gain) / pressed.finger.taxels.gain - 1), bound < 0.15
-        assert well.sum() > 10 * DESCRIPTION.rows
-        assert (off < bound)[well].all()
-        assert abs(found.stiffness_n_per_mm / firm - 1) < found.stiffness_bound < 0.2
+    pressed, rng = bench(seed), np.random.default_rng(seed)
+    firm, common = pressed.finger.truth.stiffness_n_per_mm, rng.uniform(0, 1)
+    presses = []
+    for at in pressed.presses:
+        longer = 1 + 0.05 * firm * (common + rng.uniform(0, 1)) / 2
+        presses.append(replace(at, press=replace(at.press, travel_mm=at.press.travel_mm * longer)))
+    found = fit_gains(presses, DESCRIPTION, pressed.idle, spec)
+    bound = np.array(found.gain_bound)
+    off, well = np.abs(np.array(found.gain) / pressed.finger.taxels.gain - 1), bound < 0.15
+    assert well.sum() > 10 * DESCRIPTION.rows
+    assert (off < bound)[well].all()
+    assert abs(found.stiffness_n_per_mm / firm - 1) < found.stiffness_bound < 0.2
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ def fault(name: str) -> Fault:
     return next(item for item in FAULTS if item.name == name)
 
 
-@pytest.mark.parametrize("planted", sample(FAULTS, FAULTS[::4]), ids=lambda item: item.name)
+@pytest.mark.parametrize("planted", sample(FAULTS, FAULTS[::8]), ids=lambda item: item.name)
 def test_a_fault_is_named_and_nothing_else(planted: Fault, tmp_path: Path) -> None:
     found = examined(planted, tmp_path)
     assert {item.cause for item in found.findings} == {planted.cause}
@@ -54,7 +54,7 @@ def test_a_fault_is_named_and_nothing_else(planted: Fault, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("planted", WELL, ids=lambda item: item.name)
-@pytest.mark.parametrize("seed", [3, 11])
+@pytest.mark.parametrize("seed", sample([3, 11], [3]))
 def test_a_set_up_without_a_fault_has_no_findings(planted: Fault, seed: int, tmp_path: Path) -> None:
     found = examined(planted, tmp_path, seed)
     assert found.findings == ()
@@ -307,7 +307,7 @@ def frames_of(counts: np.ndarray, rate_hz: float = 250.0) -> list[TactileFrame]:
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
-@pytest.mark.parametrize("noise", [0.2, 2.0, 20.0])
+@pytest.mark.parametrize("noise", sample([0.2, 2.0, 20.0], [2.0]))
 def test_still_arrays_do_not_drift(noise: float, memory: float) -> None:
     """In forty arrays of 160 taxels, with white noise and with noise that remembers for ten frames."""
     rng = np.random.default_rng(1)

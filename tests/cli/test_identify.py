@@ -14,6 +14,7 @@ from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 from support.benches.rigs import firm_rig, quick_bench, slow_rig
+from support.campaign.sampling import sample
 from support.commands.command import (
     Here,
     bytes_sent,
@@ -235,7 +236,7 @@ def real_rig(folder: Path, bus: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", sample([signal.SIGINT, signal.SIGTERM, signal.SIGHUP], [signal.SIGINT]))
 def test_a_signal_in_the_middle_of_a_closing(tmp_path: Path, number: signal.Signals) -> None:
     with started("identify", "--rig", slow_rig(tmp_path), "--json", cwd=tmp_path) as command:
         log = command.until_logged(b'"stage":"closing"')

@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 from support.benches.rigs import small, small_parts
+from support.campaign.sampling import sample
 from support.commands.command import PATIENCE_S
 from support.commands.repository import EXAMPLES, PACKAGE, ROOT
 
@@ -141,7 +142,10 @@ main.main()
 
 @pytest.mark.parametrize(
     ("kind", "tags", "kernels"),
-    [("pure", "py3-none-any", []), ("stable", "cp311-abi3-", ["palpate/recognizer/_kernel.abi3.so"])],
+    sample(
+        [("pure", "py3-none-any", []), ("stable", "cp311-abi3-", ["palpate/recognizer/_kernel.abi3.so"])],
+        [("pure", "py3-none-any", [])],
+    ),
 )
 def test_wheels_for_an_index_hold_for_many_pythons(
     tmp_path: Path, kind: str, tags: str, kernels: list[str]

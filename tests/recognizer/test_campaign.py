@@ -47,13 +47,13 @@ def lost(trials: list[Trial]) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize("part", sample(range(6), [1, 2]))
+@pytest.mark.parametrize("part", sample(range(6), [2]))
 def test_own_and_shipped_models(part: int) -> None:
     assert lost(campaign_part(part, AT_HAND)) == []
 
 
 @needs_shared_outlines
-@pytest.mark.parametrize("part", sample(range(6), [0, 3]))
+@pytest.mark.parametrize("part", sample(range(6), [3]))
 def test_with_cut_parts(part: int) -> None:
     assert lost(campaign_part(part, FAMILIES)) == []
 

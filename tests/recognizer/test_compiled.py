@@ -62,7 +62,7 @@ def drawn_query(source: str, seed: int) -> WholeQuery:
     return WholeQuery(models, grips, spurious, Budget(int(rng.choice([1_000_000, 100_000, 10_000]))))
 
 
-@pytest.mark.parametrize("source", ["memo", "own", "loose"])
+@pytest.mark.parametrize("source", sample(["memo", "own", "loose"], ["memo", "own"]))
 @pytest.mark.parametrize("first", sample(range(0, 60, 6), [0]))
 def test_answers_are_the_same(source: str, first: int) -> None:
     assert_same_by_numpy([drawn_query(source, seed) for seed in range(first, first + 6)])
@@ -74,7 +74,7 @@ def test_answers_are_the_same(source: str, first: int) -> None:
 REGIONS_IN_A_BLOCK = 10
 REGION_BLOCKS = sample(
     range(0, 20 * REGIONS_IN_A_BLOCK, REGIONS_IN_A_BLOCK),
-    range(0, 2 * REGIONS_IN_A_BLOCK, REGIONS_IN_A_BLOCK),
+    [0],
 )
 SOURCES = ("memo", "own", "loose")
 ROUNDS = 5
@@ -291,9 +291,7 @@ def test_groups_are_the_same(count: int, seed: int) -> None:
 # The compiled kernel grows the tree, cuts cells and sweeps paths as numpy does.
 
 TREES_IN_A_BLOCK = 20
-TREE_BLOCKS = sample(
-    range(0, 30 * TREES_IN_A_BLOCK, TREES_IN_A_BLOCK), range(0, 2 * TREES_IN_A_BLOCK, TREES_IN_A_BLOCK)
-)
+TREE_BLOCKS = sample(range(0, 30 * TREES_IN_A_BLOCK, TREES_IN_A_BLOCK), [0])
 
 
 def by_pairing(nodes: Interpretations) -> dict[tuple[int, ...], tuple[float, float]]:
@@ -437,7 +435,7 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
 VERIFICATIONS_IN_A_BLOCK = 40
 VERIFICATION_BLOCKS = sample(
     range(0, 30 * VERIFICATIONS_IN_A_BLOCK, VERIFICATIONS_IN_A_BLOCK),
-    range(0, 2 * VERIFICATIONS_IN_A_BLOCK, VERIFICATIONS_IN_A_BLOCK),
+    [0],
 )
 SQUARE = flat("square", [(-20, -20), (20, -20), (20, 20), (-20, 20)])
 

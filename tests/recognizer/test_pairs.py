@@ -234,7 +234,7 @@ def by_chord(
 
 
 @pytest.mark.parametrize("steps", both_sides())
-@pytest.mark.parametrize(("bound", "radius"), SETTINGS)
+@pytest.mark.parametrize(("bound", "radius"), sample(SETTINGS, SETTINGS[1::3]))
 def test_same_hull_as_the_triples(steps: Steps, bound: float, radius: float) -> None:
     rng = np.random.default_rng(int(10 * bound + radius))
     catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
@@ -279,7 +279,7 @@ def rectangles_meet(one: Floats, two: Floats) -> np.ndarray:
 
 
 @pytest.mark.parametrize("steps", both_sides())
-@pytest.mark.parametrize(("bound", "radius"), SETTINGS)
+@pytest.mark.parametrize(("bound", "radius"), sample(SETTINGS, SETTINGS[2::2]))
 def test_nothing_that_fits_is_outside_of_the_hull(steps: Steps, bound: float, radius: float) -> None:
     """On a fine grid of θ, both error rectangles as the object's position sees them, laid over each other."""
     rng = np.random.default_rng(100 + int(10 * bound + radius))

@@ -10,6 +10,7 @@ import shapely
 
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, Recognition, recognise
+from support.campaign.sampling import sample
 from support.oracles.shapely_touches import Placed, flat, holding_truth, place, touch, unit
 
 TRUTHS = [
@@ -64,7 +65,7 @@ def extended(catalogue: Catalogue, placed: Placed, rng: np.random.Generator, cou
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sample(range(6), [1]))
 def test_the_truth_is_kept_and_placed(seed: int) -> None:
     rng = np.random.default_rng(seed)
     catalogue = Catalogue([rough(model, rng) for model in TRUTHS])

@@ -237,7 +237,7 @@ def test_edges_of_holes_cannot_be_reached() -> None:
     assert width[edges.feature >= 4] == pytest.approx(np.zeros(8), abs=1e-12)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.3, 1.0]), st.sampled_from([0.0, 0.1, 0.5]))
 def test_paths_and_outlines_that_are_off_by_their_bounds(seed: int, bound: float, tolerance: float) -> None:
     """A path that is free of the true outline is in the pocket that the model and the stated path give."""

@@ -20,6 +20,7 @@ from palpate.recognizer.steps import Steps
 from palpate.recognizer.tables import round_to_nine_digits
 from palpate.recognizer.verification import Poses, verify
 from palpate.recognizer.witness_search import enclosures
+from support.campaign.sampling import sample
 from support.oracles.judge import Scene, asked, drawn
 from support.oracles.kernel import both_sides, drawn_catalogue
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, grip, holding_truth, outlines, place
@@ -292,7 +293,7 @@ def test_boxes_anywhere(count: int, states: int) -> None:
         check(boxes_of(rng, count, states=states, width=width, size=size, spread=100.0))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sample(range(6), [0]))
 def test_many_boxes_over_each_other(seed: int) -> None:
     """Dense in θ, so that what belongs together is often further apart in the order than first looked at."""
     rng = np.random.default_rng(seed)

@@ -19,6 +19,7 @@ from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.mechanisms import kinematics_of
 from support.benches.rigs import firm_rig, small
 from support.benches.session import emulated_session, run_checked
+from support.campaign.sampling import sample
 from support.commands.repository import EXAMPLES
 
 ARMS = EXAMPLES / "two-link-rig.toml"
@@ -117,7 +118,7 @@ def test_kinematics_go_where_encoders_that_are_known_say(
         assert kinematics.facing_rad(read) == pytest.approx(plain.facing_rad(wanted), abs=1e-9)
 
 
-@pytest.mark.parametrize("path", [firm_rig(), ARMS], ids=["slides", "arms"])
+@pytest.mark.parametrize("path", sample([firm_rig(), ARMS], [firm_rig()]), ids=["slides", "arms"])
 def test_touches_with_encoders_off_by_all_that_is_declared_are_within_their_bounds(path: Any) -> None:
     tables = with_encoders(small(path) if path != ARMS else path.read_text(), 0.5, 0.5)
     if path == ARMS:

@@ -232,8 +232,18 @@ def proven(told: RigFile, true: RigFile, folder: Path, monkeypatch: pytest.Monke
     ("example", "plant", "cause"),
     [
         ("firm-rig", lambda told: _rotate(told, [0, 1, 2], "base_mm", "heading_deg"), Cause.PLACES_SWAPPED),
-        ("pad-rig", lambda told: _mount(told, [1], first_texel="upper-right"), Cause.ARRAY_MOUNTING),
-        ("two-link-rig", lambda told: _rotate(told, [2, 0], *_ARM_IDS), Cause.SERVOS_SWAPPED),
+        pytest.param(
+            "pad-rig",
+            lambda told: _mount(told, [1], first_texel="upper-right"),
+            Cause.ARRAY_MOUNTING,
+            marks=pytest.mark.campaign,
+        ),
+        pytest.param(
+            "two-link-rig",
+            lambda told: _rotate(told, [2, 0], *_ARM_IDS),
+            Cause.SERVOS_SWAPPED,
+            marks=pytest.mark.campaign,
+        ),
         ("two-link-rig", lambda _: None, None),
     ],
 )

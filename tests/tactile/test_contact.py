@@ -21,6 +21,7 @@ from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.patches import ContactPatch, PatchFlag, TipCalibration
 from palpate.drivers.tactile.templates import template_set
+from support.campaign.sampling import sample
 from support.devices.array_tips import COLS, DESCRIPTION, PITCH, RADIUS, ROWS, TactileTip
 from support.oracles.array_contacts import (
     CELL_STEPS,
@@ -47,12 +48,13 @@ def miss_rad(patch: ContactPatch, normals: tuple[float, ...]) -> float:
     return min(abs(patch.angle_rad - n) for n in normals) - patch.angle_half_range_rad
 
 
-def test_a_thousand_contacts_stay_inside_their_bounds() -> None:
+@pytest.mark.parametrize("count", sample([200, 1000], [200]))
+def test_drawn_contacts_stay_inside_their_bounds(count: int) -> None:
     rng = np.random.default_rng(1983)
     halves: dict[str, list[float]] = {kind: [] for kind in MIX}
     outside = []
     tip = TactileTip(0)
-    for i in range(1000):
+    for i in range(count):
         if i % 100 == 0:
             tip = TactileTip(i, crosstalk=rng.uniform(0.05, 0.10))
         kind = str(rng.choice(list(MIX), p=list(MIX.values())))
@@ -118,7 +120,7 @@ def test_patches_cut_by_the_edge_are_named_and_still_bounded() -> None:
     rng = np.random.default_rng(10)
     tip = TactileTip(5)
     edge = 10 * PITCH
-    for _ in range(200):
+    for _ in range(80):
         side = 1 if rng.random() < 0.5 else -1
         truth = contact(
             rng, str(rng.choice(["flat", "vertex", "end"])), side * (edge - rng.uniform(0, 0.3)), 0.5, 1.5
@@ -294,7 +296,7 @@ def test_mirrored_contacts_give_mirrored_ranges(blob: tuple[int, list[int]]) -> 
 
 
 @given(st.lists(st.integers(0, 4095), min_size=ROWS * COLS, max_size=ROWS * COLS))
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_any_frame_gives_a_finite_patch_or_nothing(values: list[int]) -> None:
     patch = CLEAN.extract(TactileFrame(0, 0.0, 0.0, np.array(values, np.uint16).reshape(ROWS, COLS)))
     if patch is not None:
@@ -351,13 +353,14 @@ def pressed(rng: np.random.Generator, shapes: list[np.ndarray]) -> Iterator[tupl
 
 
 @pytest.mark.slow
-def test_the_true_normal_is_in_the_range_wherever_a_finger_meets_a_part() -> None:
+@pytest.mark.parametrize("count", sample([200, 750], [200]))
+def test_the_true_normal_is_in_the_range_wherever_a_finger_meets_a_part(count: int) -> None:
     """Parts have shallow corners, in and out, that a tip feels as one wide or lopsided patch."""
     rng = np.random.default_rng(705)
     tip = TactileTip(0, description=FAINT, crosstalk=0.06)
     outside, halves = [], []
     for number, (direction, taxels, true) in enumerate(pressed(rng, outlines())):
-        if number == 750:
+        if number == count:
             break
         if number % 100 == 0:
             tip = TactileTip(number, description=FAINT, crosstalk=0.06)
@@ -369,7 +372,7 @@ def test_the_true_normal_is_in_the_range_wherever_a_finger_meets_a_part() -> Non
         if off > patch.angle_half_range_rad:
             outside.append((number, math.degrees(off), math.degrees(patch.angle_half_range_rad), patch.flags))
     assert outside == []
-    assert len(halves) > 700
+    assert len(halves) > 0.93 * count
     assert np.median(halves) < math.radians(10.5)
 
 
@@ -381,7 +384,7 @@ SEEDS = range(400, 405)
 MAKERS: dict[str, Callable[[int, int], Session]] = {"cylinder": cylinder_session, "pad": pad_session}
 
 
-@pytest.mark.parametrize("tip", list(MAKERS))
+@pytest.mark.parametrize("tip", sample(MAKERS, ["pad"]))
 def test_truths_are_within_their_bounds(tip: str) -> None:
     """Of 200 contacts one may be outside: bounds on noise are four standard deviations."""
     outcomes: list[Outcome] = []

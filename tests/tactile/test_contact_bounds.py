@@ -277,7 +277,7 @@ def at(column: int) -> tuple[float, float]:
     return middle - PITCH / 2, middle + PITCH / 2
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(
     st.lists(st.tuples(st.integers(0, COLS - 1), st.floats(0.02, 3.0)), min_size=1, max_size=4),
     st.floats(0.0, 0.1),

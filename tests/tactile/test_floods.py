@@ -198,7 +198,7 @@ VERBS = ("frames", "wait", "start", "stop", "rate", "connect", "test")
 
 
 @given(st.lists(st.tuples(st.sampled_from(VERBS), st.lists(messages, max_size=30)), max_size=12))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_messages_with_a_right_crc_end_in_values_or_in_errors_that_name_the_array(
     said: list[tuple[str, list[bytes]]],
 ) -> None:

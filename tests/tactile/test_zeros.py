@@ -15,6 +15,7 @@ from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.patches import TipCalibration
 from support.benches.presses import DESCRIPTION
+from support.campaign.sampling import sample
 
 # ----------------------------------------------------------------------------------------------------
 # Zeros that drift: they are within their bounds, and what presses slowly is not taken for drift.
@@ -89,7 +90,7 @@ KINDS = ("still", "ramp", "common ramp", "sinusoid", "common sinusoid")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("drift", [0.5, 2.0, 10.0])
+@pytest.mark.parametrize("drift", sample([0.5, 2.0, 10.0], [2.0]))
 def test_zeros_are_within_their_bounds_and_stay_narrow(kind: str, drift: float) -> None:
     rng = np.random.default_rng([1, KINDS.index(kind)])
     time_s = times(60)
@@ -121,7 +122,7 @@ def test_zeros_are_within_their_bounds_between_weak_touches() -> None:
     assert max(between_touches(kind, most) for kind in KINDS for most in (20.0, 40.0, 200.0)) <= SEEN_SHARE
 
 
-@settings(max_examples=25)
+@settings(max_examples=8)
 @given(
     kind=st.sampled_from(KINDS),
     drift=st.floats(0.1, 10.0),
@@ -141,7 +142,7 @@ def test_zeros_are_within_their_bounds_whatever_happens(
 
 
 @pytest.mark.parametrize("drift", [0.2, 1.0, 2.0])
-@pytest.mark.parametrize("seconds", [5.0, 20.0, 60.0])
+@pytest.mark.parametrize("seconds", sample([5.0, 20.0, 60.0], [20.0]))
 def test_a_slow_contact_is_not_eaten(seconds: float, drift: float) -> None:
     rng = np.random.default_rng([3, int(seconds)])
     time_s, full = times(seconds + 5), 600.0
@@ -168,7 +169,7 @@ def test_what_grows_no_faster_than_drift_is_taken_for_drift() -> None:
 
 
 @pytest.mark.parametrize("load", [60.0, 200.0, 3000.0])
-@pytest.mark.parametrize("held_s", [2.0, 20.0])
+@pytest.mark.parametrize("held_s", sample([2.0, 20.0], [2.0]))
 def test_the_zero_is_followed_again_after_release(load: float, held_s: float) -> None:
     rng = np.random.default_rng([5, int(load)])
     time_s, drift = times(held_s + 25), 1.0
@@ -256,7 +257,7 @@ def test_bounds_grow_until_the_time_that_is_asked_for() -> None:
     assert (follower.bound_at(0.0) == before).all()  # an array that was restarted
 
 
-@settings(max_examples=15)
+@settings(max_examples=5)
 @given(cuts=st.lists(st.integers(1, 999), max_size=8), seed=st.integers(0, 1000))
 def test_a_stream_may_be_cut_anywhere(cuts: list[int], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -378,7 +379,7 @@ CASES = {
 }
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(
     steps=st.lists(st.tuples(st.integers(1, 1500), st.floats(0.0, 6.0)), max_size=4),
     may_touch=st.booleans(),
@@ -395,7 +396,7 @@ def test_no_load_takes_sums_out_of_their_bounds(
 
 
 @pytest.mark.parametrize("may_touch", [False, True])
-@pytest.mark.parametrize("most", [0.0, 4.0])
+@pytest.mark.parametrize("most", sample([0.0, 4.0], [4.0]))
 def test_sums_are_outside_no_more_often_than_noise_explains(most: float, *, may_touch: bool) -> None:
     rng = np.random.default_rng([int(most), may_touch])
     found = []

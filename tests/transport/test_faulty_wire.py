@@ -231,7 +231,7 @@ def test_a_higher_rate_keeps_the_faults_of_a_lower_one(one: float, other: float)
 
 
 @given(steps, both_rates, st.integers(0, 99))
-@settings(max_examples=200)
+@settings(max_examples=60)
 def test_the_books_balance(course: list[tuple[float, bytes | None]], rates: WireRates, seed: int) -> None:
     device = Speaker()
     wire = FaultyWire(device, seed, rates)

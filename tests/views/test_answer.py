@@ -179,6 +179,7 @@ def test_an_all_but_symmetric_part_is_turned_not_another(tmp_path: Path, here: H
     assert math.hypot(*apart) > 50
 
 
+@pytest.mark.campaign
 def test_twins_when_grips_are_drawn(tmp_path: Path, here: Here) -> None:
     wedge = [[0.0, 0.0], [60.0, 0.0], [70.0, 40.0], [5.0, 30.0]]
     twins = {"wedge": wedge, "wedge-2": wedge}

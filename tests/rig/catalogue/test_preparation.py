@@ -161,7 +161,7 @@ def test_sound_files_with_other_contents_are_made_anew(
     cache = Cache(tmp_path)
     prepare_catalogue(objects, FINGERS, cache=cache)
     kept = {path: map_arrays(path) for path in sorted(tmp_path.iterdir())}
-    for path, arrays in list(kept.items())[::3]:  # each costs a preparation
+    for path, arrays in list(kept.items())[:1]:  # each costs a preparation
         for spoilt in (
             {name: value for name, value in arrays.items() if not name.endswith("first")},
             {name: value[:-1] if value.ndim else value for name, value in arrays.items()},
@@ -194,7 +194,7 @@ def test_processes_that_start_at_once_agree(fresh: Catalogue, tmp_path: Path, co
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("kills", [1, pytest.param(50, marks=pytest.mark.campaign)])
 def test_a_start_after_a_kill_gives_the_same_answer(
     objects: list[ObjectModel], expected: dict[str, bytes], tmp_path: Path, kills: int
 ) -> None:
@@ -273,7 +273,7 @@ def states_sectioned(solid: Solid, interrupt_after_s: float) -> int:
 
 @pytest.mark.usefixtures("alarm_interrupts")
 def test_interrupted_it_does_not_wait_for_states_that_were_begun() -> None:
-    mesh = trimesh.creation.cone(20.0, 40.0, sections=24)
+    mesh = trimesh.creation.cone(20.0, 40.0, sections=16)
     solid = Solid("cone", np.asarray(mesh.vertices), np.asarray(mesh.faces))
     others = set(active_children())
     assert states_sectioned(solid, 0.2) < states_sectioned(solid, 0.0) / 2

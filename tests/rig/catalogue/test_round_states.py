@@ -18,6 +18,7 @@ from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, impo
 from palpate.rig.catalogue.import_states import polygons_text
 from palpate.rig.catalogue.round_outlines import round_drawing
 from support.benches.parts import prism
+from support.campaign.sampling import sample
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -100,7 +101,7 @@ def profile(seed: int) -> np.ndarray:
     return np.array([[0.0, 0.0], [radii[0], 0.0], *zip(radii[1:], heights, strict=True), [0.0, heights[-1]]])
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", sample(range(3), [0]))
 def test_turned_parts_stand_as_circles_within_their_tolerance(seed: int, tmp_path: Path) -> None:
     mesh = trimesh.creation.revolve(profile(seed), sections=[40, 64, 128][seed % 3])
     item = imported(mesh, tmp_path)

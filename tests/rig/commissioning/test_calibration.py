@@ -43,6 +43,7 @@ from palpate.rig.emulated.ground_truth import built_pose
 from palpate.rig.mechanisms.arm import arm_kinematics
 from palpate.views.report.calibration import finger_tables
 from support.benches.simulated_rig import Kept, SimulatedProber, SimulatedRig
+from support.campaign.sampling import sample
 from support.commands.command import missing
 from support.commands.repository import EXAMPLES
 
@@ -119,7 +120,7 @@ def test_everything_is_found_within_what_is_asked_and_what_is_said(whole: Whole)
         assert (bound < 0.15).sum() > 60
 
 
-@pytest.mark.parametrize("rig", ["whole", "off_centre"])
+@pytest.mark.parametrize("rig", sample(["whole", "off_centre"], ["whole"]))
 def test_the_bounds_hold_for_where_tips_are(rig: str, request: pytest.FixtureRequest) -> None:
     """The rig with its calibration says where tips are, all over the workspace, within its bounds."""
     from palpate.drivers.slide_kinematics import SlideKinematics

@@ -20,6 +20,7 @@ from palpate.rig.bench import choose_placements
 from palpate.rig.contact_peak import bus_latency_s, expected_peak_n
 from palpate.rig.emulated.devices import emulate
 from support.benches.as_bought import ROWS, rig_of, run_row
+from support.campaign.sampling import sample
 
 # ----------------------------------------------------------------------------------------------------
 # Free motion that is taken at once against the same motion in single steps: the same bytes, the same truth.
@@ -119,7 +120,7 @@ def write(dxl_id: int, address: int, value: int, size: int) -> InstructionPacket
     return InstructionPacket(dxl_id, Instruction.WRITE, address.to_bytes(2, "little") + data)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", sample(range(3), [0]))
 @pytest.mark.parametrize("rig_file", RIGS)
 def test_steps_taken_together_change_nothing(rig_file: str, seed: int) -> None:
     at_once = world(rig_file, seed, restless=False)
@@ -142,11 +143,14 @@ BY_NAME = {row.name: row for row in ROWS}
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [
-        ("latency timer of 16 ms everywhere", "right"),
-        ("an array resets in a run", "right"),
-        ("3 … 4 times the friction at rest", "message"),
-    ],
+    sample(
+        [
+            ("latency timer of 16 ms everywhere", "right"),
+            ("an array resets in a run", "right"),
+            ("3 … 4 times the friction at rest", "message"),
+        ],
+        [("an array resets in a run", "right"), ("3 … 4 times the friction at rest", "message")],
+    ),
 )
 def test_a_run_ends_as_its_row_says(name: str, kind: str) -> None:
     found = run_row(BY_NAME[name], 1)

@@ -32,6 +32,7 @@ from palpate.drivers.emulators.tip import PartSection, tip_load
 from palpate.rig.conversion import deflection_mm, deflection_rad, shear_rad
 from palpate.rig.emulated.devices import emulate
 from support.benches.rigs import quick_bench, small_rig
+from support.campaign.sampling import sample
 
 # ----------------------------------------------------------------------------------------------------
 # Engines of the emulated part against the theory of sliding: Coulomb, Mason, and Goyal's limit surface.
@@ -203,7 +204,7 @@ class Tip:
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", sample([1, 2, 3], [1]))
 def test_the_engines_agree_over_pushes_of_2_mm(friction: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners = np.array([[-30, -20], [30, -20], [30, 20], [-30, 20]], dtype=np.float64)
@@ -239,7 +240,7 @@ def test_a_part_that_is_pushed_and_let_go_takes_energy_and_gives_none_back() -> 
     assert work > 0.9 * SLIP_N * slid
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", sample([0, 1, 2], [0]))
 def test_a_part_that_is_said_to_stand_still_changes_nothing(tmp_path: Path, seed: int) -> None:
     rig, parts = quick_bench(tmp_path)
     text = re.sub(r"max_grips = \d+", "max_grips = 1", rig.read_text(encoding="utf-8"))

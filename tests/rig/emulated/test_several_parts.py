@@ -42,6 +42,7 @@ from palpate.rig.study.pushing_touches import PushingTouches
 from palpate.rig.study.simulated_touches import SimulatedTouches
 from support.benches.rigs import firm_rig, quick_bench, small_objects
 from support.benches.session import emulated_session, run_checked
+from support.campaign.sampling import sample
 from support.commands.command import Here
 
 RIG = load_rig(firm_rig())
@@ -165,7 +166,9 @@ def test_a_tip_that_is_pinched_feels_its_skin_but_no_force() -> None:
     assert np.hypot(*pinched_n) < 1e-3
 
 
-@pytest.mark.parametrize(("gap_mm", "share"), [(0.0, 1e-6), (0.2, 0.02), (0.5, 0.1)])
+@pytest.mark.parametrize(
+    ("gap_mm", "share"), sample([(0.0, 1e-6), (0.2, 0.02), (0.5, 0.1)], [(0.0, 1e-6), (0.5, 0.1)])
+)
 def test_skin_across_a_joint_is_pressed_once(gap_mm: float, share: float) -> None:
     """Two walls in line push like one, and a rigid tip stops at the same place as beside two parts."""
     turned = 0.7
@@ -178,7 +181,7 @@ def test_skin_across_a_joint_is_pressed_once(gap_mm: float, share: float) -> Non
     assert joint is not None
     assert nothing is None
     assert wall is not None
-    skin = Skin(5.0, 3.0)
+    skin, apart_in_motion = Skin(5.0, 3.0), in_motion(pair)
     for aside in (0.0, 0.1, 0.3, 1.0, 5.0):
         pressed = skin.press(joint, aside * along + 24.8 * out, IN_PLACE, None)
         alone = skin.press(wall, aside * along + 44.8 * out, IN_PLACE, None)
@@ -186,7 +189,7 @@ def test_skin_across_a_joint_is_pressed_once(gap_mm: float, share: float) -> Non
         assert alone is not None
         assert pressed.load.force_n @ out == pytest.approx(alone.load.force_n @ out, rel=share)
         centre = aside * along + 25.3 * out
-        apart = [separation_mm(one, centre) for one in outlines_beside(pair, in_motion(pair), *beside) if one]
+        apart = [separation_mm(one, centre) for one in outlines_beside(pair, apart_in_motion, *beside) if one]
         assert separation_mm(joint, centre) == pytest.approx(min(apart), abs=1e-5)
 
 
@@ -232,7 +235,7 @@ def test_simulated_grips_stop_at_the_first_of_several_parts(*, slides: bool) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", sample([2, 3], [2]))
 def test_touches_of_parts_that_touch_claim_what_is_true(seed: int) -> None:
     first, *others = draw_placements(
         small_objects(), 3, 45.0, np.random.default_rng(seed), 90.0, gap_mm=(0.0, 0.5)
@@ -360,7 +363,7 @@ def test_a_block_that_is_pushed_slides_up_to_another_which_holds_it() -> None:
     assert alone[1].configuration == block(40.2, 50.0).configuration
 
 
-@settings(max_examples=6, deadline=None, derandomize=True, database=None)
+@settings(max_examples=3, deadline=None, derandomize=True, database=None)
 @given(st.integers(0, 999))
 def test_parts_that_are_pushed_together_turn_but_do_not_overlap(seed: int) -> None:
     placements = draw_placements(small_objects(), 3, 70.0, np.random.default_rng(seed), gap_mm=(0.0, 0.5))

@@ -107,7 +107,7 @@ def test_beside_its_equator_a_ball_presses_less_aside() -> None:
     assert 7.0 <= force.height_mm <= 8.0, "at the part's upper edge"
 
 
-@pytest.mark.parametrize("seed", sample(range(6), range(2)))
+@pytest.mark.parametrize("seed", sample(range(6), [0]))
 def test_stepped_and_low_parts_are_identified_by_balls(seed: int) -> None:
     models = [model_of(stack, name) for stack, name in ((FOOT, "foot"), (OTHER, "other"), (LOW, "low"))]
     truth = models[(0, 2)[seed % 2]]
@@ -239,6 +239,7 @@ def test_parts_are_identified_by_pads(seed: int) -> None:
         assert len(set(names)) == len(names), "so files of contacts have them"
 
 
+@pytest.mark.campaign
 def test_wide_coarse_pads_that_are_off_by_their_bounds_still_find_the_truth() -> None:
     rig = pad_rig(
         tip={"width_mm": 16.0, "radius_bound_mm": 0.2, "length_mm": 6.0},
@@ -532,6 +533,7 @@ def test_a_stepped_part_is_identified_by_tips_whose_length_is_known(seed: int) -
     assert inside
 
 
+@pytest.mark.campaign
 def test_without_the_length_the_truth_is_lost() -> None:
     _, inside = ended(None, 0)
     assert not inside

@@ -18,6 +18,7 @@ from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 from support.benches.rigs import firm_rig
+from support.campaign.sampling import sample
 from support.oracles.plans import SimulatedTouches, contact_along, normal_at, ring, travel_of
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, flat, outlines, place_within, unit
 
@@ -108,7 +109,7 @@ def test_what_lies_still_is_never_said_to_move() -> None:
     assert causes[ContradictionCause.NOT_IN_CATALOGUE] >= 1
 
 
-@pytest.mark.parametrize("moved_mm", [0.3, 1.0, 5.0])
+@pytest.mark.parametrize("moved_mm", sample([0.3, 1.0, 5.0], [5.0]))
 def test_a_part_of_the_catalogue_that_moves_is_never_said_not_to_be_in_it(moved_mm: float) -> None:
     shown = moving = 0
     for seed in range(10):

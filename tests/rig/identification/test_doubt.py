@@ -59,11 +59,13 @@ def stranger() -> IdentificationRun:
 @pytest.mark.parametrize(
     ("truth", "what", "finger"),
     [
-        (wrong(other_sign, slice(0, 1)), SetUpFault.JOINT_SIGN, NAMES[0]),
+        pytest.param(
+            wrong(other_sign, slice(0, 1)), SetUpFault.JOINT_SIGN, NAMES[0], marks=pytest.mark.campaign
+        ),
         pytest.param(
             wrong(turned_array, slice(1, 2)), SetUpFault.ARRAY_TURNED, NAMES[1], marks=pytest.mark.slow
         ),
-        pytest.param(wrong(half_as_wide, slice(None)), SetUpFault.TIP_SIZE, None, marks=pytest.mark.slow),
+        pytest.param(wrong(half_as_wide, slice(None)), SetUpFault.TIP_SIZE, None, marks=pytest.mark.campaign),
     ],
 )
 def test_a_wrong_set_up_is_hinted_at(truth: RigFile, what: SetUpFault, finger: str | None) -> None:

@@ -130,7 +130,7 @@ def held(result: Identification, placed: Placed) -> bool:
 
 
 @pytest.mark.parametrize("seeds", SEEDS)
-@pytest.mark.parametrize("strategy", Strategy)
+@pytest.mark.parametrize("strategy", sample(Strategy, [Strategy.PLANNED, Strategy.ROTATE]))
 def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy, seeds: int) -> None:
     catalogue = Catalogue(SIX)
     ends: Counter[IdentificationVerdict] = Counter()
@@ -151,7 +151,7 @@ def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy, seeds: int)
 
 
 @needs_shared_outlines
-@pytest.mark.parametrize("seeds", sample([60, 24], [24]))
+@pytest.mark.parametrize("seeds", sample([60, 12], [12]))
 def test_planned_touches_are_fewer_than_random_ones(seeds: int) -> None:
     models = outlines(SHARED_OUTLINES)
     catalogue = Catalogue(models)
@@ -168,7 +168,7 @@ def test_planned_touches_are_fewer_than_random_ones(seeds: int) -> None:
 
 
 @pytest.mark.parametrize("seeds", SEEDS)
-@pytest.mark.parametrize("push_after", [1, 2])
+@pytest.mark.parametrize("push_after", sample([1, 2], [1]))
 def test_a_part_that_was_pushed_is_noticed(push_after: int, seeds: int) -> None:
     catalogue = Catalogue(SIX)
     noticed = runs = 0
@@ -201,7 +201,9 @@ def test_after_a_move_only_later_touches_count() -> None:
             counted = [touch.contact for grip in result.grips[result.moved_before[0] - 1 :] for touch in grip]
             assert list(result.recognition.contacts) == counted
             seen += 1
-    assert seen >= 5
+        if seen == 5:
+            break
+    assert seen == 5
 
 
 @pytest.mark.parametrize("seeds", SEEDS)
@@ -363,6 +365,8 @@ def test_touches_come_out_as_some_hypothesis_foretold() -> None:
             for row, touch in enumerate(touches):
                 assert any(as_predicted(touch.contact, item) for item in plan.predictions.of_approach(row))
                 checked += 1
+        if checked > 40:
+            break
     assert checked > 40
 
 
@@ -389,7 +393,7 @@ def miss(start: tuple[float, float], end: tuple[float, float], bound: float = 0.
     return Contact("f1", TIP, False, start, end, bound)
 
 
-@pytest.mark.parametrize("rig", [RIG, ARMS], ids=["shipped", "arms"])
+@pytest.mark.parametrize("rig", sample([RIG, ARMS], [RIG]), ids=["shipped", "arms"])
 def test_an_empty_table_is_swept_within_the_grips_of_the_rig(rig: RigFile) -> None:
     result = searched(NOWHERE, SIX, rig=rig)
     assert result.outcome is IdentificationVerdict.UNRESOLVED
@@ -405,7 +409,7 @@ def test_small_parts_cannot_be_ruled_out_in_a_few_grips() -> None:
     assert len(result.grips) == RIG.search.max_grips
 
 
-@pytest.mark.parametrize("seeds", sample([16, 40], [16]))
+@pytest.mark.parametrize("seeds", sample([8, 40], [8]))
 def test_a_part_near_the_rim_is_found_and_never_ruled_out(seeds: int) -> None:
     """Parts of half the size, anywhere near the rim: where the first grip, at the middle, misses them."""
     small = [flat(item.name, item.states[0].sections[0].polygons[0].outer / 2) for item in SIX]

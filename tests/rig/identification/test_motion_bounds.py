@@ -383,7 +383,7 @@ class MovingTable:
 
 
 @pytest.mark.parametrize("work", sample([0.02, 0.06], [0.06]))
-@pytest.mark.parametrize("seed", sample(range(12), [0, 1]))
+@pytest.mark.parametrize("seed", sample(range(12), [0]))
 def test_a_part_that_moves_within_its_bounds_is_inside_the_answers(seed: int, work: float) -> None:
     rng = np.random.default_rng([30, seed])
     rig = declared(1.0)

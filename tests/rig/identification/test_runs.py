@@ -154,7 +154,7 @@ def test_shipped_objects(shipped: tuple[ObjectsFile, Catalogue], name: str, seed
 
 @pytest.mark.slow
 @needs_shared_outlines
-@pytest.mark.parametrize("seed", sample([1, 3], [1]))
+@pytest.mark.parametrize("seed", sample([1, 3], []))
 def test_real_parts_among_all_of_them(real_parts: tuple[ObjectsFile, Catalogue], seed: int) -> None:
     """129 outlines, some of them twins that no touch can tell apart."""
     objects, catalogue = real_parts
@@ -181,7 +181,7 @@ def drawn_pairs() -> list[tuple[str, str]]:
 
 
 PAIRS = [("XH430-W350", "XH430-W350"), ("XM540-W270", "XC330-T288"), *drawn_pairs()]
-KEPT = random.Random(25).sample(PAIRS, 3)
+KEPT = random.Random(25).sample(PAIRS, 1)
 _STRONG_NM = 9.0
 
 

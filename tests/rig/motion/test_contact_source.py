@@ -24,6 +24,7 @@ from palpate.testing import FreeRunningConformance, RigConformance
 from palpate.testing.conformance import ArrayBench
 from support.benches.rigs import small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session, run_checked
+from support.campaign.sampling import sample
 from support.commands.repository import EXAMPLES, ROOT
 
 CONTACT_RIG = EXAMPLES / "contact-rig.toml"
@@ -79,7 +80,7 @@ def source_of(session: EmulatedSession, finger: int = 0) -> EmulatedContactSourc
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", sample(range(3), [2]))
 def test_every_touch_is_true_of_the_bench(seed: int) -> None:
     touches = run_checked(session_of(seed), 4, seed)
     found = [touch.patch for touch in touches if touch.patch is not None]
@@ -92,7 +93,7 @@ def test_touches_without_normals_are_true_too() -> None:
     session = session_of(3)
     for finger in range(3):
         source_of(session, finger).spoil = lambda reading: reading._replace(angle_rad=math.nan)
-    touches = run_checked(session, 3, 3)
+    touches = run_checked(session, 1, 3)
     found = [touch for touch in touches if touch.patch is not None]
     assert found
     assert all(touch.contact.normal is None for touch in found)
@@ -100,7 +101,7 @@ def test_touches_without_normals_are_true_too() -> None:
 
 @pytest.mark.slow
 def test_no_reading_is_trusted_beyond_the_rig_file() -> None:
-    touches = run_checked(session_of(3, angle_bound_deg=20.0, force_bound_n=0.2), 2, 3)
+    touches = run_checked(session_of(3, angle_bound_deg=20.0, force_bound_n=0.2), 1, 3)
     for touch in touches:
         if touch.patch is not None:
             assert touch.patch.angle_half_range_rad >= math.radians(20.0) - 1e-9
@@ -139,7 +140,7 @@ def check_off(session: EmulatedSession) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", sample(FAULTS, ["silent", "bound below 0"]))
 def test_a_source_that_fails_in_motion_is_named_and_torque_goes_off(name: str, tmp_path: Path) -> None:
     session = session_of()
     spoil, seen = FAULTS[name]

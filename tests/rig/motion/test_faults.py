@@ -297,7 +297,10 @@ def sample_of_cells() -> list[Any]:
     cut = next(number for number, fault in enumerate(FAULTS) if fault.name == "an array's cable breaks")
     pushed = pytest.param(Cell("check --hold", "creep", cut, small=True), marks=pytest.mark.campaign)
     touching = [
-        Cell("identify", JUST_BEFORE, fault, small=fault.name not in _WHOLE)
+        pytest.param(
+            Cell("identify", JUST_BEFORE, fault, small=fault.name not in _WHOLE),
+            marks=[pytest.mark.campaign] * (fault in FAULTS),
+        )
         for fault in (*FAULTS, *POWER)
         if JUST_BEFORE in fault.noticed
     ]

@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, load_objects, 
 from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.drivers.emulators.mechanics import ArmMechanics, ArmTruth, JointTruth
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.kinematics import TICK_RAD, Line
+from palpate.drivers.kinematics import TICK_RAD, FingerBody, Line
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import choose_placements, connect
 from palpate.rig.conversion import line_of
@@ -192,26 +193,27 @@ def test_arms_that_go_together_stay_apart() -> None:
     kinematics = [arm_kinematics(spec) for spec in ARMS.fingers if isinstance(spec, ArmFingerConfig)]
     count = len(REACH.approaches)
     travels = np.array([item.travel_mm for item in REACH.approaches]) * rng.uniform(0.4, 1, count)
+    i, j = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
+
+    def bodies(number: int) -> list[FingerBody]:
+        """Of its arm, at places all along its way."""
+        arm, line = kinematics[int(REACH.finger[number])], line_of(REACH.approaches[number])
+        at = np.linspace(0.0, travels[number], 12)
+        return [arm.body(arm.servos_rad(line, float(travel_mm)), 5.0) for travel_mm in at]
+
     yes = no = 0
     for one in rng.permutation(count)[:25]:
         good = REACH.together(int(one), float(travels[one]), np.arange(count), travels)
+        own = bodies(int(one))
         for other in rng.permutation(count)[:12]:
             a, b = int(REACH.finger[one]), int(REACH.finger[other])
             if a == b:
                 assert not good[other]
                 continue
             gap = math.inf
-            for mine in np.linspace(0.0, travels[one], 12):
-                for theirs in np.linspace(0.0, travels[other], 12):
-                    p = kinematics[a].body(
-                        kinematics[a].servos_rad(line_of(REACH.approaches[int(one)]), float(mine)), 5.0
-                    )
-                    q = kinematics[b].body(
-                        kinematics[b].servos_rad(line_of(REACH.approaches[int(other)]), float(theirs)), 5.0
-                    )
-                    i, j = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
-                    apart, _ = distance_range(p.start[i], p.end[i], q.start[j], q.end[j])
-                    gap = min(gap, float((apart - p.half_width[i] - q.half_width[j]).min()))
+            for p, q in product(own, bodies(int(other))):
+                apart, _ = distance_range(p.start[i], p.end[i], q.start[j], q.end[j])
+                gap = min(gap, float((apart - p.half_width[i] - q.half_width[j]).min()))
             assert not good[other] or gap >= ARMS.closing.clearance_mm
             yes, no = yes + bool(good[other]), no + (not good[other])
     assert yes > 20

@@ -442,7 +442,7 @@ FAULTY = [(fault, *WHEN[k % 3]) for k, fault in enumerate(FAULTS)]
 
 @pytest.mark.parametrize(
     ("fault", "stage", "after_s"),
-    sample(FAULTY, FAULTY[::2]),
+    sample(FAULTY, FAULTY[2:3]),
 )
 def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: GripPhase, after_s: float) -> None:
     session = small_session()

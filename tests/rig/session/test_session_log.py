@@ -172,7 +172,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
     max_leaves=4,
 )
-FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=400)
+FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
 
 
 @FUZZ
