@@ -353,7 +353,14 @@ def test_a_prism_of_many_sides_stands_or_lies(sides):
     assert not out
 
 
-@pytest.mark.parametrize("again", [(6, 18, 7), (12, 0, 7), (12, 18, 11)])
+@pytest.mark.parametrize(
+    "again",
+    [
+        (6, 18, 7),
+        pytest.param((12, 0, 7), marks=pytest.mark.campaign),
+        pytest.param((12, 18, 11), marks=pytest.mark.campaign),
+    ],
+)
 def test_sections_that_allow_four_motions_are_tried_with_all(again):
     # Sections are squares; dents between them, alike by half a turn, tell which turn is right.
     cuts = np.r_[0.0, 0.2, np.linspace(1.1, 18.9, 16), 19.8, 20.0] - 10.0

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from support.benches.rigs import firm_rig, small, small_parts
+from support.benches.rigs import firm_rig, quicken, small, small_parts
 from support.commands.command import PATIENCE_S, Ended
 from support.commands.repository import EXAMPLES, PACKAGE, ROOT
 
@@ -54,7 +54,7 @@ def palpate(*words: object, cwd: Path) -> str:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a rig, its objects, a drawing, and a session of an identification."""
     made = tmp_path_factory.mktemp("other-system")
-    (made / "rig.toml").write_text(small(firm_rig()), encoding="utf-8")
+    (made / "rig.toml").write_text(quicken(small(firm_rig())), encoding="utf-8")
     small_parts(made)
     (made / "plate.svg").write_text(PLATE, encoding="utf-8")
     asked = ("--rig", "rig.toml", "--objects", "small-parts.json", "--seed", 7, "--sessions", "sessions")

@@ -23,7 +23,7 @@ from palpate.cli.terminal import StatusLine, Terminal, TimeLeft, duration_words
 from palpate.rig.identification.events import MoveEvent
 from palpate.views.tables import show_unplugged
 from palpate.views.tables import table as plain_table
-from support.benches.rigs import firm_rig, small, small_parts
+from support.benches.rigs import firm_rig, quicken, small, small_parts
 from support.campaign.sampling import sample
 from support.commands.command import PALPATE, log_events, missing
 from support.commands.repository import EXAMPLES
@@ -66,7 +66,7 @@ def test_a_question_that_nobody_hears_is_a_line(tmp_path: Path, command: str, st
 
 
 def test_a_display_that_fails_at_the_end_leaves_the_answer(tmp_path: Path) -> None:
-    text = small(firm_rig()).replace("max_grips = 12", "max_grips = 1")
+    text = quicken(small(firm_rig())).replace("max_grips = 12", "max_grips = 1")
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     small_parts(tmp_path)
     done = shell("PALPATE identify --rig rig.toml --objects small-parts.json --json 2> /dev/full", tmp_path)

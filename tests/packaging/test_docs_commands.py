@@ -151,7 +151,7 @@ def is_free(port: int) -> bool:
     "name",
     sample(
         sorted({shown.page.name for shown in SHOWN}),
-        ["benches.md", "emulation.md", "planning.md", "watching.md"],
+        ["benches.md", "emulation.md"],
     ),
 )
 def test_commands_behind_a_prompt_print_what_stands_beneath(name: str, tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def assert_kept(found: Recognition, placed: Placed, note: object) -> None:
     assert holding_truth(found, placed) is not None, (placed.model.name, placed.theta, note)
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", sample(range(24), range(8)))
 def test_shipped_models(seed: int) -> None:
     rng = np.random.default_rng(seed)
     models = outlines(SHIPPED_OBJECTS)
@@ -278,7 +278,7 @@ def assert_followed(
         assert holding_truth(found, placed) is not None, (note, number)
 
 
-@pytest.mark.parametrize("seed", sample(range(20), range(0, 20, 4)))
+@pytest.mark.parametrize("seed", sample(range(20), [0, 8]))
 def test_shipped_parts_that_move_between_grips(seed: int) -> None:
     rng = np.random.default_rng([20, seed])
     models = outlines(SHIPPED_OBJECTS)

@@ -410,7 +410,7 @@ def test_pairs_and_cliques(seed: int) -> None:
         assert len(with_common_orientation(problem, found)) == count
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", sample(range(20), range(6)))
 @pytest.mark.parametrize("contacts", [2, 3, 4])
 def test_answers_are_cliques_and_miss_none_that_is_possible(seed: int, contacts: int) -> None:
     problem = random_problem(seed, contacts, normals=True)

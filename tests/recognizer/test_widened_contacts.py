@@ -73,7 +73,7 @@ def followed(model: ObjectModel, rng: np.random.Generator) -> tuple[Recognition,
     return found, placed
 
 
-@pytest.mark.parametrize("seed", sample(range(12), [0, 5]))
+@pytest.mark.parametrize("seed", sample(range(12), [5]))
 @pytest.mark.parametrize("model", MODELS, ids=lambda item: item.name)
 def test_a_part_that_moves_in_every_grip_is_followed(model: ObjectModel, seed: int) -> None:
     """No contact is unpaired that is half as wide as those at the root; bounds follow the last grips."""

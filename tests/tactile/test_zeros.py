@@ -111,7 +111,7 @@ def between_touches(kind: str, most: float) -> float:
     return outside(found, truth, ONSET)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", sample(KINDS, KINDS[::2]))
 def test_zeros_are_within_their_bounds_between_touches(kind: str) -> None:
     assert between_touches(kind, 1500.0) <= SEEN_SHARE
 

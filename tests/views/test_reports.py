@@ -208,7 +208,7 @@ def test_a_place_that_cannot_be_written_is_refused(example: CalibrationFile, tmp
 @pytest.mark.parametrize(
     "file",
     [
-        calibration_example(),
+        pytest.param(calibration_example(), marks=pytest.mark.campaign),
         calibration_example(3, rows=6, cols=14, off_mm=0.0),
         calibration_example(4, rows=3, cols=64, off_mm=0.4, names=("left & upper", "<b>", "W" * 60)),
     ],

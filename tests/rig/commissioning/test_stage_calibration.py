@@ -101,6 +101,7 @@ def known_but_for_the_stage(rig: RigFile, seed: int) -> CalibrationFile:
     return exact.model_copy(update={"fingers": fingers})
 
 
+@pytest.mark.campaign
 @pytest.mark.slow
 def test_a_stage_is_calibrated_on_the_emulated_bench(tmp_path: Path) -> None:
     """Its step alone, servos and all, with fingers that were calibrated before."""

@@ -240,7 +240,7 @@ def test_touches_of_parts_that_touch_claim_what_is_true(seed: int) -> None:
     first, *others = draw_placements(
         small_objects(), 3, 45.0, np.random.default_rng(seed), 90.0, gap_mm=(0.0, 0.5)
     )
-    session = emulated_session(seed=seed, rig=RIG, placement=first, others=others)
+    session = emulated_session(seed=seed, placement=first, others=others)
     touches = run_checked(session, 4, seed)
     assert sum(touch.contact.touched for touch in touches) > 5
 

@@ -34,7 +34,7 @@ from palpate.rig.identification.identify import identify
 from palpate.rig.identification.outcome import Identification
 from palpate.rig.study.simulation import with_motion
 from palpate.views.recognition import contacts_json
-from support.benches.rigs import firm_rig, small, small_objects, small_rig
+from support.benches.rigs import firm_rig, quicken, small, small_objects, small_rig
 from support.benches.session import emulated_session, identify_checked
 from support.campaign.sampling import sample
 from support.commands.repository import EXAMPLES
@@ -215,7 +215,7 @@ Change = dict[str, object]
 
 def pad_rig(tip: Change | None = None, array: Change | None = None, **other: Change) -> RigFile:
     """The example made small; `other`: changes of tables by their names."""
-    data = tomllib.loads(small(EXAMPLE))
+    data = tomllib.loads(quicken(small(EXAMPLE)))
     for finger in data["fingers"]:
         finger["tip"] |= tip or {}
         finger["array"] |= array or {}

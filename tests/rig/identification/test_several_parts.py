@@ -33,6 +33,7 @@ from palpate.rig.reach.approaches import reach_of
 from palpate.rig.study.simulated_touches import SimulatedTouches
 from palpate.views.sessions_text import replay_lines, replay_out
 from support.benches.rigs import firm_rig
+from support.campaign.sampling import sample
 from support.oracles.shapely_touches import (
     SHIPPED_OBJECTS,
     Placed,
@@ -171,7 +172,7 @@ def found(placements: tuple[Placement, ...], count: PartCount, seed: int) -> Ide
     return search.conclude(verdict, limit)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", sample(range(4), [0]))
 def test_two_parts_are_found_and_none_is_outside_its_bounds(seed: int) -> None:
     rng = np.random.default_rng(seed)
     placements = draw_placements(OBJECTS, 2, 125.0, rng, 125.0, (0.0, 40.0))

@@ -266,7 +266,7 @@ def test_an_item_that_does_not_stay_written_ends_the_run_before_torque_goes_on(t
 
 
 # ----------------------------------------------------------------------------------------------------
-# A sample of the fault matrix: each row once, in one of the phases in which it must be noticed.
+# A sample of the fault matrix: every other row once, in one of the phases in which it must be noticed.
 #
 # The small bench is enough for that, but where a bound on force or travel is that of the shipped bench's
 # size.
@@ -287,13 +287,17 @@ _PHASES = ("approach", "touch", "free travel", "torque off")
 
 
 def sample_of_cells() -> list[Any]:
-    """A cell of each row, and an array cut off at the beginning of a creep: nobody looked there once."""
+    """A cell of every other row, and an array cut off as a creep begins: nobody looked there once.
+
+    The rows between are in the campaign.
+    """
     draw = random.Random(5)
     found = []
     for number, fault in enumerate(FAULTS):
         noticed = [phase for phase in _PHASES if phase in fault.noticed]
         phase = draw.choice(noticed or list(_PHASES))
-        found.append(Cell("identify", phase, number, small=fault.name not in _WHOLE))
+        cell = Cell("identify", phase, number, small=fault.name not in _WHOLE)
+        found.append(pytest.param(cell, marks=[pytest.mark.campaign] * (number % 2)))
     cut = next(number for number, fault in enumerate(FAULTS) if fault.name == "an array's cable breaks")
     pushed = pytest.param(Cell("check --hold", "creep", cut, small=True), marks=pytest.mark.campaign)
     touching = [
@@ -410,7 +414,7 @@ def drawn_rig(rng: np.random.Generator) -> RigFile:
     return RigFile.model_validate(data)
 
 
-@pytest.mark.parametrize("seed", sample(range(60), range(3)))
+@pytest.mark.parametrize("seed", sample(range(60), [0]))
 def test_a_finger_whose_bus_is_cut_presses_within_its_bound(seed: int, tmp_path: Path) -> None:
     rig = drawn_rig(np.random.default_rng([11, seed]))
     session = emulated_session(seed=seed, rig=rig, objects=small_objects())

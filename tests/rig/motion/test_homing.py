@@ -55,7 +55,7 @@ def off_mm(session: EmulatedSession, hand: Hand) -> float:
     return max(offs)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", sample(range(3), [0]))
 def test_wherever_slides_stand_they_are_homed(seed: int) -> None:
     session = session_of(seed)
     furthest = [finger.centre_mm for finger in session.bench.fingers]

@@ -27,7 +27,7 @@ from palpate.rig.mechanisms.arm import arm_kinematics
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of
-from support.benches.rigs import STAGE, firm_rig, small, small_objects
+from support.benches.rigs import STAGE, firm_rig, quicken, small, small_objects
 from support.benches.session import EmulatedSession, check_touch, emulated_session, identify_checked, shape_of
 from support.campaign.sampling import sample
 from support.commands.repository import EXAMPLES
@@ -232,7 +232,7 @@ def staged(text: str | None = None, **changes: Any) -> RigFile:
 
 RIG = staged()
 STAGE_REACH = reach_of(RIG, aims=21)
-SMALL_STAGE = staged(small(firm_rig()))
+SMALL_STAGE = staged(quicken(small(firm_rig())))
 
 
 def grip_at(reach: Reach, angle: float, rng: np.random.Generator) -> list[FingerApproach]:

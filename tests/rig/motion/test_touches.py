@@ -326,6 +326,7 @@ def test_a_contact_is_measured_with_frames_of_the_tip_at_rest(monkeypatch: pytes
         assert abs(patch.force_n - true_n[touch.finger_index]) <= patch.force_bound_n
 
 
+@pytest.mark.campaign
 def test_servos_hear_from_the_host_while_arrays_answer_late() -> None:
     """Each array takes 110 ms to confirm that it streams; Bus Watchdog waits for 0.5 s."""
     found = run_grip("fast", BY_NAME["frames late by 110 ms, touched at 15 mm/s"], 0)

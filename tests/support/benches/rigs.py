@@ -84,11 +84,16 @@ def _nearer(found: re.Match[str]) -> str:
     return f"base_mm = [{x:.3f}, {y:.3f}]"
 
 
+def quick_rig_of_shipped_size() -> RigFile:
+    """The firm rig with quicker ways and half the frames."""
+    return RigFile.model_validate(tomllib.loads(quicken(firm_rig().read_text(encoding="utf-8"))))
+
+
 def small_rig(path: Path | None = None) -> RigFile:
     """A rig made small; that of tests is as quick as the quick bench, another keeps its speeds and frames."""
     if path is not None:
         return RigFile.model_validate(tomllib.loads(small(path)))
-    return RigFile.model_validate(tomllib.loads(_quickened(small(firm_rig()))))
+    return RigFile.model_validate(tomllib.loads(quicken(small(firm_rig()))))
 
 
 @cache
@@ -100,14 +105,21 @@ def small_objects() -> ObjectsFile:
 
 def quick_bench(folder: Path, fingers: int = 3) -> tuple[Path, Path]:
     """Write a rig file of some of the fingers round a small table, and a catalogue of small parts."""
-    text = _quickened(small(firm_rig()))
+    text = quicken(small(firm_rig()))
     rig = folder / "small-bench.toml"
     rig.write_text("[[fingers]]".join(text.split("[[fingers]]")[: 1 + fingers]), encoding="utf-8")
     return rig, small_parts(folder)
 
 
-def _quickened(text: str) -> str:
-    """The firm rig with quicker ways and half the frames: a run of it costs two thirds."""
+def quick_copy(rig: Path, folder: Path) -> Path:
+    """The rig file of a copy with quicker ways, in a folder."""
+    path = folder / "quick.toml"
+    path.write_text(quicken(rig.read_text(encoding="utf-8")), encoding="utf-8")
+    return path
+
+
+def quicken(text: str) -> str:
+    """The firm rig's file, or one like it, with quicker ways and half the frames: runs cost two thirds."""
     return _replaced(
         text,
         ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0"),
@@ -156,16 +168,14 @@ TWO_PARTS = {
 
 def two_parts(folder: Path) -> Path:
     """The folder, in `folder`, of a whole session with two parts on the table."""
-    quick = _quickened(firm_rig().read_text(encoding="utf-8"))
-    (folder / "quick.toml").write_text(quick, encoding="utf-8")
-    with palpate.open_rig(folder / "quick.toml", seed=0) as opened:
+    with palpate.open_rig(quick_copy(firm_rig(), folder), seed=0) as opened:
         answer = opened.identify(scene=Scene.model_validate(TWO_PARTS), parts=2, sessions=folder)
     return Path(str(answer.session))
 
 
 RUNS: Mapping[str, Callable[[Path], Path]] = {
-    "two grips": lambda folder: grips(folder, 2, firm_rig()),
-    "two grips with pads": lambda folder: grips(folder, 2, EXAMPLES / "pad-rig.toml"),
+    "two grips": lambda folder: grips(folder, 2, quick_copy(firm_rig(), folder)),
+    "two grips with pads": lambda folder: grips(folder, 2, quick_copy(EXAMPLES / "pad-rig.toml", folder)),
     "one grip": lambda folder: grips(folder, 1, *quick_bench(folder)),
     "whole": lambda folder: grips(folder, 8, *quick_bench(folder)),
     "two parts": two_parts,

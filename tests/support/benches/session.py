@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
+from palpate.config import ObjectsFile, RigFile, load_objects, shipped_objects
 from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.wire_faults import FaultyWire
@@ -29,7 +29,7 @@ from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 from palpate.rig.session.log import SessionLog
-from support.benches.rigs import firm_rig, small_objects, small_rig
+from support.benches.rigs import quick_rig_of_shipped_size, small_objects, small_rig
 
 # ----------------------------------------------------------------------------------------------------
 # An emulated rig in this process, its hidden truth, and faults that come when the test says.
@@ -172,7 +172,7 @@ def emulated_session(
     empty: bool = False,
 ) -> EmulatedSession:
     """The shipped bench with an object drawn by the seed, unless given or `empty`, and `others` beside it."""
-    rig = rig or load_rig(firm_rig())
+    rig = rig or quick_rig_of_shipped_size()
     assert rig.emulation is not None
     if placement is None and not empty:
         objects = objects or load_objects(shipped_objects())
