@@ -149,7 +149,7 @@ BY_NAME = {row.name: row for row in ROWS}
             ("an array resets in a run", "right"),
             ("3 … 4 times the friction at rest", "message"),
         ],
-        [("an array resets in a run", "right"), ("3 … 4 times the friction at rest", "message")],
+        [("3 … 4 times the friction at rest", "message")],
     ),
 )
 def test_a_run_ends_as_its_row_says(name: str, kind: str) -> None:

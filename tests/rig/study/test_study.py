@@ -382,19 +382,8 @@ def test_a_height_that_tells_apart_what_the_fingers_do_not_is_found_and_tried(
 # Studies on a cluster: killed workers cost nothing but time; what is amiss is one line.
 
 RUNS = 16
-WORDS = (
-    "study",
-    "--rig",
-    "rig.toml",
-    "--objects",
-    "small-parts.json",
-    "--budget",
-    1,
-    "--runs",
-    RUNS,
-    "--seed",
-    3,
-)
+BENCH = ("--rig", "rig.toml", "--objects", "small-parts.json")
+WORDS = ("study", *BENCH, "--budget", 1, "--runs", RUNS, "--seed", 3)
 
 
 @pytest.fixture
@@ -455,7 +444,7 @@ def test_workers_that_are_killed_lose_nothing_and_nothing_counts_twice(bench: Pa
 @pytest.mark.campaign
 @pytest.mark.slow
 def test_a_study_that_was_begun_here_goes_on_on_a_cluster(bench: Path) -> None:
-    words = (*WORDS[:-6], "--budget", 0, "--seed", 3, "--keep", "runs.jsonl", "--json")
+    words = ("study", *BENCH, "--budget", 0, "--seed", 3, "--keep", "runs.jsonl", "--json")
     run(*words, "--runs", 3, cwd=bench)
     with cluster(bench, workers=1) as on:
         told = run(*words, "--runs", 6, "--scheduler", on.address, cwd=bench)
