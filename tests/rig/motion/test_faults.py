@@ -231,7 +231,7 @@ def test_a_computer_that_sleeps_begins_the_grip_again(tmp_path: Path) -> None:
 
     def on_stage(now: GripPhase) -> None:
         if now is GripPhase.CLOSING and session.stages.count(now) == 1:
-            session.clock.after(1.0, lambda: session.clock.sleep(0.8))
+            session.clock.after(0.5, lambda: session.clock.sleep(0.8))
 
     session.run_grip(tmp_path, session.middle(), on_stage)
     check_log(tmp_path, "done")
