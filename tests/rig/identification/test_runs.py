@@ -18,7 +18,7 @@ from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.events import Event, Observer, Observers, TouchEvent
 from palpate.rig.identification.identify import identify
 from palpate.rig.identification.outcome import Identification
-from support.benches.rigs import small_objects, small_rig
+from support.benches.rigs import firm_rig, small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session, identify_checked
 from support.campaign.sampling import sample
 from support.commands.repository import SHARED_OUTLINES, needs_shared_outlines
@@ -209,6 +209,6 @@ def with_servos(rig: RigFile, aim: str, slide: str) -> RigFile:
 @pytest.mark.parametrize(("aim", "slide"), sample(PAIRS, KEPT))
 def test_a_run_is_right_whatever_the_servos(aim: str, slide: str) -> None:
     objects = small_objects()
-    session = emulated_session(seed=7, rig=with_servos(small_rig(), aim, slide), objects=objects)
+    session = emulated_session(seed=7, rig=with_servos(small_rig(firm_rig()), aim, slide), objects=objects)
     result = identify_checked(session, Catalogue(objects.objects))
     assert result.outcome is IdentificationVerdict.IDENTIFIED
