@@ -232,13 +232,18 @@ def _replace_ports(text: str, paths: dict[str, str]) -> str:
     """The rig file with its mock ports replaced and without its emulation table; comments are kept."""
     import tomlkit
 
+    from palpate.drivers.transport import connection_of
+
     document = tomlkit.parse(text)
     document.pop("emulation", None)
     bus = document["bus"]
     bus["latency_ms"] = _SERVED_LATENCY_MS
     bus["port"] = paths[str(bus["port"])]
     for finger in document["fingers"]:
-        finger["array"]["port"] = paths[str(finger["array"]["port"])]
+        port = str(finger["array"].get("port", ""))
+        connection = connection_of(port)
+        if connection in paths:  # a finger that senses by Present Current has no array
+            finger["array"]["port"] = paths[connection] + port.removeprefix(connection)
     return tomlkit.dumps(document)
 
 

@@ -17,6 +17,7 @@ from palpate.rig.emulated.scene import Placement
 from palpate.testing import served
 from support.benches.rigs import firm_rig, quick_bench, small
 from support.commands.command import PATIENCE_S, Here, log_events, run
+from support.commands.repository import EXAMPLES
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate emulate --pty` in its own process: for the unmodified SDK, and for `identify` in real time.
@@ -218,6 +219,19 @@ def test_a_rig_that_is_not_served_any_more(here: Here) -> None:
     assert checked.code == 3
     assert f"port {bus} does not exist" in checked.err
     assert "connection refused" in checked.err
+
+
+@pytest.mark.parametrize(("rig", "ports"), [("contact", ["#f1", "#f2", "#f3"]), ("current", [])])
+def test_the_rig_file_of_fingers_that_share_a_connection_or_have_none(
+    here: Here, tmp_path: Path, rig: str, ports: list[str]
+) -> None:
+    done = here("emulate", "--rig", EXAMPLES / f"{rig}-rig.toml", "--for", 0, "--rig-out", "served.toml")
+    assert done.code == 0, done.err
+    written = load_rig(tmp_path / "served.toml")
+    shared = done.json["ports"].get("mock://sources")
+    assert written.bus.port == done.json["ports"]["mock://bus"]
+    arrays = [finger.array.port for finger in written.fingers if finger.array.has_device]
+    assert arrays == [f"{shared}{mark}" for mark in ports]
 
 
 @pytest.mark.realtime
