@@ -4,10 +4,11 @@ Every message says what was wrong, where, and what to do next, in one line, for 
 read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
 """
 
+import difflib
 import re
 import shlex
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 
 class PalpateError(Exception):
@@ -72,3 +73,9 @@ def join_words(words: Sequence[str]) -> str:
     """Words as a sentence lists them: "a, b and c"; empty for none."""
     *others, last = words or [""]
     return f"{', '.join(others)} and {last}" if others else last
+
+
+def nearest(word: str, allowed: Iterable[str]) -> str | None:
+    """The word of `allowed` that `word` was probably meant to be, or None."""
+    matches = difflib.get_close_matches(word, list(allowed), n=1, cutoff=0.6)
+    return matches[0] if matches else None

@@ -8,7 +8,7 @@ nothing is loaded and no other distribution is examined.
 from collections.abc import Iterable
 from importlib.metadata import entry_points
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, nearest
 
 TACTILE_ARRAYS = "palpate.tactile_arrays"
 """Group of array protocols; the name is what `protocol` says in a rig file."""
@@ -30,9 +30,12 @@ def load_extension(group: str, name: str, built_in: Iterable[str]) -> object:
     """
     found = tuple(entry_points(group=group, name=name))
     if not found:
-        known = ", ".join(f'"{known}"' for known in (*built_in, *registered_names(group)))
+        known = (*built_in, *registered_names(group))
+        near = nearest(name, known)
+        meant = "" if near is None else f'did you mean "{near}"? '
+        listed = ", ".join(f'"{each}"' for each in known)
         raise InputError(
-            f'is "{name}"; allowed: {known}; for another one install the distribution that adds it '
+            f'is "{name}"; {meant}allowed: {listed}; for another one install the distribution that adds it '
             f'(entry point of group "{group}", docs/adding-a-device.md)'
         )
     if len(found) > 1:

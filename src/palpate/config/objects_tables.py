@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, nearest
 from palpate.base.file_access import relative_path
 from palpate.base.geometry import Circle, Curve, Floats
 from palpate.base.geometry.object_model import Faceted, arcs_polygon, circle_facets, circle_polygon
@@ -28,7 +28,7 @@ from palpate.config.fields import (
     Positive,
     Text,
 )
-from palpate.config.problems import TAG, nearest
+from palpate.config.problems import TAG
 
 _STRAY_SHARE, _MIN_STRAY_MM, _MAX_STRAY_MM = (
     0.1,

@@ -4,8 +4,7 @@ Turns pydantic's validation errors, also those behind the first wrong entry of a
 a place in the user's own terms and one sentence. None of pydantic's vocabulary or links reaches the user.
 """
 
-import difflib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from types import UnionType
@@ -14,7 +13,7 @@ from typing import Annotated, Any, Union, cast, get_args, get_origin
 from pydantic import BaseModel, Tag, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, nearest
 
 Place = tuple[str | int, ...]
 """Keys and indices (from 0) from the top of a file to a value; in errors also tags, see `TAG`."""
@@ -209,12 +208,6 @@ def excerpt(value: object, limit: int = 40) -> str:
     text = text if text.isprintable() else repr(text)[1:-1]
     text = text if len(text) <= limit else text[: limit - 1] + "…"
     return f'"{text}"' if isinstance(value, str) else text
-
-
-def nearest(word: str, allowed: Iterable[str]) -> str | None:
-    """The word of `allowed` that `word` was probably meant to be, or None."""
-    matches = difflib.get_close_matches(word, list(allowed), n=1, cutoff=0.6)
-    return matches[0] if matches else None
 
 
 def place_in_words(place: Place, data: object, nouns: Mapping[str, str]) -> str:

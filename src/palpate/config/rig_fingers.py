@@ -40,7 +40,7 @@ from palpate.config.rig_servos import Angle, ServoConfig, Share
 from palpate.config.rig_tips import TipConfig, check_keys
 
 PALPATE_PROTOCOL = "palpate"
-"""Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
+"""Protocol of arrays that describe themselves, docs/tactile-protocol.md; built in."""
 
 CONTACT_LINES_PROTOCOL = "contact-lines"
 """Protocol of contact sources that send lines of text, docs/contact-lines.md: built in, too."""
@@ -315,7 +315,9 @@ _BUILT_IN: dict[str, type[ArrayConfig]] = {
 
 def _model_of(protocol: str) -> type[ArrayConfig]:
     """The model that a plug-in gives for the array's table."""
-    model = getattr(plugin(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL], "protocol"), "config", None)
+    model = getattr(
+        plugin(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL, *_BUILT_IN], "protocol"), "config", None
+    )
     if not (isinstance(model, type) and issubclass(model, ArrayConfig)):
         reason = "its config is no subclass of ArrayConfig"
         raise problem(str(broken_plugin_error(TACTILE_ARRAYS, protocol, reason)), "protocol")

@@ -4,13 +4,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from palpate.base.errors import InputError, join_words, quantity
+from palpate.base.errors import InputError, join_words, nearest, quantity
 from palpate.base.geometry import Floats
 from palpate.base.geometry.outlines import rings_of
 from palpate.base.short_repr import ShortRepr
 from palpate.base.tips import TipShape
 from palpate.config import RigFile
-from palpate.config.problems import excerpt, nearest
+from palpate.config.problems import excerpt
 from palpate.config.recognition_results import (
     ContactReferenceOut,
     EliminationStepOut,
