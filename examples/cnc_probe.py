@@ -64,7 +64,7 @@ def locate(grbl: Grbl, objects: str, x: float, y: float, radius: float, tip: pal
     contacts: list[palpate.Contact] = []
     while sum(contact.touched for contact in contacts) < min(3, len(ways) - len(contacts)):
         contacts.append(grbl.touch(ways[len(contacts)]))
-    while (plan := palpate.plan(carrier, objects, [[item] for item in contacts])).approaches:
+    while (plan := palpate.plan(carrier, objects, contacts)).approaches:
         contacts.append(grbl.touch(plan.approaches[0]))
     return plan
 

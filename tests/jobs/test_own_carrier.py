@@ -78,6 +78,9 @@ def test_a_carrier_that_stands_anywhere_needs_no_normals(objects: Path, seed: in
     names: dict[str, object] = {"approaches": ways(0.02), "palpate": palpate}
 
     def touch(way: palpate.FingerApproach) -> palpate.Contact:
+        made = names["contacts"]
+        assert isinstance(made, list)
+        assert len(made) < 30, "the loop ends"
         start, heading = np.array(way.start_mm), unit(way.direction_rad)
         error = way.position_bound_mm * unit(rng.uniform(0, 2 * math.pi))
         travel = first_contact(placed.shape, start + error, heading, BALL.tip_radius_mm, way.travel_mm)

@@ -209,6 +209,16 @@ def test_recognise_says_which_contacts_it_wants(given: object) -> None:
     assert wanted in str(refused.value)
 
 
+def test_a_plan_for_a_rig_is_refused_a_list_of_contacts_that_cannot_be_one_grip() -> None:
+    fingers = (name for _ in range(2) for name in ("f1", "f2"))
+    contacts = [
+        palpate.Contact(name, palpate.Finger(5.0, 10.0), True, (0.0, -90.0), (0.0, -20.0), 0.2)
+        for name in fingers
+    ]
+    with pytest.raises(palpate.InputError, match="finger f1 has two contacts in one grip"):
+        palpate.plan(palpate.load_rig(), None, contacts)
+
+
 def test_results_are_json(bench: tuple[Path, Path]) -> None:
     assert json.loads(palpate.scan().to_json())["format"] == "palpate/scan@1"
     studied = palpate.study(palpate.load_rig(bench[0]), palpate.load_objects(bench[1]), runs=1, workers=1)

@@ -333,12 +333,14 @@ def plan(
 ) -> Plan:
     """Plan: the grip of a rig that follows on contacts (memo §3.2), and what each hypothesis predicts of it.
 
-    `rig`: a rig file, or what else moves a tip, a `Carrier`; its grips are single touches.
+    `rig`: a rig file, or what else moves a tip, a `Carrier`; its grips are single touches, so that every
+    contact counts as a grip. With a rig file one list of contacts is one grip.
     `seed` draws the grip of the strategy `random`. `progress` is told of a large catalogue's preparation.
     States that are not known at the fingers' heights are left out, with a warning. Raises InputError for
-    files that are wrong, if no state is left, and if no finger touched anything.
+    files that are wrong, if no state is left, if no finger touched anything, and for a grip of a rig in which
+    a finger has two contacts.
     """
-    models, given = objects_from(objects), contact_record(contacts)
+    models, given = objects_from(objects), _as_made(rig, contact_record(contacts))
     touching = [*_tips_of(rig), *fingers_of(given.contacts)]
     models, left_out = select_known(models, touching, _name(objects, "objects"), warn_operator)
     fingers = tips_of(rig) | _fingers_in(given)
@@ -362,6 +364,21 @@ def contact_record(contacts: Contacts) -> ContactRecord:
         return ContactRecord(grips_of(contacts))
     alone = [item for item in contacts if isinstance(item, Contact)]
     return ContactRecord([alone] if alone else [item for item in contacts if not isinstance(item, Contact)])
+
+
+def _as_made(rig: RigFile | Carrier, given: ContactRecord) -> ContactRecord:
+    """Contacts in the grips in which they can have been made: confirmation counts by grips."""
+    if isinstance(rig, Carrier):
+        return ContactRecord([[contact] for contact in given.contacts])
+    for grip in given.grips:
+        names = [contact.name for contact in grip]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(
+                f"plan: finger {twice} has two contacts in one grip; give a list of grips, each a list of "
+                "contacts, as they were made"
+            )
+    return given
 
 
 def _tips_of(rig: RigFile | Carrier) -> Sequence[HasHeight]:
