@@ -14,9 +14,9 @@ import pytest
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.recognizer import Approach, Catalogue, Contact, Finger
+from palpate.rig.conversion import contacts_json
 from palpate.rig.identification.grip_choice import indistinguishable_sets
 from palpate.rig.reach.approaches import reach_of
-from palpate.views.recognition import contacts_json
 from support.campaign.sampling import sample
 from support.commands.command import Ended, Here, violations
 from support.commands.repository import EXAMPLES

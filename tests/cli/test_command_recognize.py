@@ -11,7 +11,7 @@ import pytest
 from palpate.config.loading import shipped_objects
 from palpate.config.schema import schema_text
 from palpate.recognizer import Contact
-from palpate.views.recognition import contacts_json
+from palpate.rig.conversion import contacts_json
 from support.commands.command import Ended, Here, violations
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, grip, outlines, place
 

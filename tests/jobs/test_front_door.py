@@ -8,12 +8,16 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import palpate
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.rig.conversion import grips_of
 from palpate.rig.identification.events import Event, StageEvent, TouchEvent
 from palpate.rig.motion.guarded_approach import GripPhase
 from support.benches.rigs import firm_rig, quick_bench
@@ -157,6 +161,59 @@ def test_what_is_saved_loads_as_the_same_value(load: object, source: Path | None
     with pytest.raises(palpate.InputError, match="save: value is 3"):
         palpate.save(3, tmp_path / "other")  # type: ignore[arg-type]
     assert not (tmp_path / "other").exists()
+
+
+OUTLINE = [[0.0, 0.0], [70.0, 0.0], [70.0, 25.0], [55.0, 40.0], [0.0, 40.0]]
+BOW = [[0.0, 0.0], [70.0, 40.0], [70.0, 0.0], [0.0, 40.0]]
+
+
+def model(outline: list[list[float]]) -> ObjectModel:
+    section = Section((0.0, 20.0), (Polygon(np.array(outline)),))
+    return ObjectModel("plate", (State("flat", (section,)),))
+
+
+def test_objects_made_in_python_are_those_of_their_file(tmp_path: Path) -> None:
+    table = {"name": "plate", "outline": OUTLINE, "height": 20.0}
+    loaded = palpate.load_objects({"objects": [table]})
+    palpate.save([model(OUTLINE)], tmp_path / "parts.json")
+    assert palpate.load_objects(tmp_path / "parts.json") == loaded == palpate.load_objects([model(OUTLINE)])
+    finger = palpate.Finger(5.0, 10.0)
+    contact = palpate.Contact("f1", finger, True, (20.0, -60.0), (20.0, -5.0), 0.2)
+    for objects in (loaded, [model(OUTLINE)], {"objects": [table]}):
+        assert palpate.recognise(objects, [contact]).hypotheses[0].state.object_name == "plate"
+    for wrong in ([model(BOW)], {"objects": [table | {"outline": BOW}]}):
+        with pytest.raises(palpate.InputError, match=r'object "plate".*intersects itself'):
+            palpate.recognise(wrong, [contact])
+
+
+def test_a_scene_is_a_dict_as_its_file_is(tmp_path: Path) -> None:
+    given = {"object": "gator", "configuration": {"x": 3.0, "y": -8.0, "theta": 0.5}}
+    with palpate.open_rig(seed=7).connect(scene=given) as rig:
+        assert rig.approaches
+    palpate.save(palpate.load_scene(given), tmp_path / "scene.json")
+    assert palpate.load_scene(tmp_path / "scene.json") == palpate.load_scene(given)
+    with pytest.raises(palpate.InputError, match='"configuration" is missing'):
+        palpate.open_rig(seed=7).identify(scene={"object": "gator"})
+
+
+def test_contacts_made_in_python_become_their_file(tmp_path: Path) -> None:
+    finger, path = palpate.Finger(2.0, 10.0, 1.0), tmp_path / "contacts.json"
+    normal = palpate.NormalRange(-1.8, -1.4)
+    touch = palpate.Contact(
+        "f1", finger, True, (20.0, -60.0), (20.0, -5.0), 0.2, normal, path_bound_mm=0.3, friction=0.4
+    )
+    miss = palpate.Contact("f2", palpate.Finger(2.0, 10.0), False, (90.0, -60.0), (90.0, 60.0), 0.2)
+    for given, grips in (
+        ([touch, miss], [[touch, miss]]),
+        ([touch, miss, touch], [[touch], [miss], [touch]]),
+        ([[touch, miss], (touch,)], [[touch, miss], [touch]]),
+    ):
+        palpate.save(given, path)
+        assert grips_of(palpate.load_contacts(path)) == grips
+    with pytest.raises(palpate.InputError, match="start a new grip"):
+        palpate.save([[touch, touch]], path)
+    with pytest.raises(palpate.InputError, match="turn_bound_rad"):
+        palpate.save([replace(touch, turn_bound_rad=0.1)], path)
 
 
 def test_a_signal_that_would_end_a_script_switches_torque_off_first(

@@ -14,7 +14,9 @@ from palpate.config.fields import FileModel, Flag, Items, Length, Name, Number, 
 from palpate.config.loading import Source, load_json
 from palpate.config.problems import problem
 
-_NOUNS = {"grips": "grip", "contacts": "contact"}
+CONTACT_NOUNS = {"grips": "grip", "contacts": "contact"}
+"""Names of the entries of a file's lists in messages."""
+
 _ANGLE_SLACK_RAD = 1e-9
 
 
@@ -149,4 +151,4 @@ def load_contacts(source: Source) -> ContactsFile:
         InputError: unreadable, wrong keys or values, or a contact that contradicts itself; one line.
 
     """
-    return load_json(source, ContactsFile, _NOUNS)
+    return load_json(source, ContactsFile, CONTACT_NOUNS)

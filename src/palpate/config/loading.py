@@ -130,6 +130,11 @@ def _load(
     except ValueError as error:
         another = _describe_other_format(name, text, _format_of(model))
         raise InputError(f"{name}: {another or f'not valid {language}: {_syntax(error)}'}") from None
+    return check_values(name, data, model, nouns)
+
+
+def check_values(name: str, data: object, model: type[_Model], nouns: Mapping[str, str]) -> _Model:
+    """Check values that a file holds, or that are given in place of one; errors are those of `load_json`."""
     wrong_format = _format_problem(data, model)
     if wrong_format is not None:
         raise refuse(name, [wrong_format])

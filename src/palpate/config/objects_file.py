@@ -24,7 +24,7 @@ from palpate.base.array_cache import code_digest, user_cache
 from palpate.base.confined_reading import read_confined
 from palpate.base.file_io import UNCONFINED_BYTES
 from palpate.base.geometry import Circle, Curve, Floats, ObjectModel, Polygon, Section, State
-from palpate.config.loading import Source, load_json, read_json, source_name
+from palpate.config.loading import Source, check_values, load_json, read_json, source_name
 from palpate.config.objects_checks import NOUNS, drop_redundant_points, objects_problems
 from palpate.config.objects_tables import (
     ObjectsFileText,
@@ -192,13 +192,25 @@ def load_objects(source: Source) -> ObjectsFile:
 
     """
     found = _read_large(source) if _is_large(source) else _read_objects(source)
-    name = source_name(source)
+    return _name_notices(found, source_name(source))
+
+
+def objects_of_values(values: Mapping[str, object], name: str) -> ObjectsFile:
+    """Check object models that are given as values, as a file holds them; InputError calls them `name`."""
+    return _name_notices(_check_objects(check_values(name, values, ObjectsFileText, NOUNS), name), name)
+
+
+def _name_notices(found: ObjectsFile, name: str) -> ObjectsFile:
     return replace(found, notices=tuple(f"{name}: {line}" for line in found.notices))
 
 
 def _read_objects(source: Source) -> ObjectsFile:
-    text, notices = drop_redundant_points(load_objects_text(source))
-    return replace(objects_from_text(text, source_name(source)), notices=notices)
+    return _check_objects(load_objects_text(source), source_name(source))
+
+
+def _check_objects(text: ObjectsFileText, name: str) -> ObjectsFile:
+    text, notices = drop_redundant_points(text)
+    return replace(objects_from_text(text, name), notices=notices)
 
 
 def _read_large(source: str | os.PathLike[str]) -> ObjectsFile:

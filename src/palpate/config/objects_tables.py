@@ -133,7 +133,7 @@ def flat_curve(outline: Outline, stray_mm: float, facets: int) -> Faceted:
 def outline_text(ring: Floats, curve: Curve | None) -> object:
     """Text in the file for a ring (n, 2), or for the curve that it stands for."""
     if curve is None:
-        return [(x, y) for x, y in ring.tolist()]
+        return [(x, y) for x, y in np.asarray(ring).tolist()]
     if isinstance(curve, Circle):
         return {"circle": {"centre": curve.centre_mm, "radius": curve.radius_mm}}
     return [(x, y, bulge) if bulge else (x, y) for x, y, bulge in curve.tolist()]

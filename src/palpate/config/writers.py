@@ -124,11 +124,7 @@ def file_text(value: object) -> str:
 
 @file_text.register
 def _objects(value: ObjectsFile) -> str:
-    tables = {
-        "format": "palpate/objects@1",
-        "units": "mm",
-        "objects": [_object(item) for item in value.objects],
-    }
+    tables = {"format": "palpate/objects@1", "units": "mm", "objects": objects_values(value.objects)}
     return objects_json(ObjectsFileText.model_validate(tables))
 
 
@@ -149,6 +145,11 @@ def _tables(value: RigFile | ReferencesFile) -> str:
 
 
 file_text.register(CalibrationFile)(calibration_toml)
+
+
+def objects_values(models: Iterable[ObjectModel]) -> list[dict[str, Any]]:
+    """Object models as a file's entries."""
+    return [_object(item) for item in models]
 
 
 def _object(model: ObjectModel) -> dict[str, Any]:

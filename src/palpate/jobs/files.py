@@ -3,7 +3,7 @@
 import inspect
 import os
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, wraps
 from importlib.resources.abc import Traversable
@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_typ
 
 from palpate.base.errors import InputError, warn_operator
 from palpate.base.file_io import write_text
+from palpate.base.geometry import ObjectModel
 from palpate.config import CalibrationFile, ContactsFile, ObjectsFile, RigFile, Scene
 from palpate.config import load_calibration as read_calibration
 from palpate.config import load_contacts as read_contacts
@@ -21,11 +22,14 @@ from palpate.config import load_rig as read_rig
 from palpate.config import load_scene as read_scene
 from palpate.config.calibration_file import ReferencesFile
 from palpate.config.calibration_file import load_references as read_references
-from palpate.config.loading import shipped_objects, shipped_references, shipped_rig
+from palpate.config.contacts_file import CONTACT_NOUNS
+from palpate.config.loading import check_values, shipped_objects, shipped_references, shipped_rig
+from palpate.config.objects_file import objects_of_values
 from palpate.config.recognition_results import UnknownStateOut
-from palpate.config.writers import file_text
+from palpate.config.writers import file_text, objects_values
 from palpate.recognizer import Contact
 from palpate.rig.catalogue.finger_model import HasHeight, KnownObjects
+from palpate.rig.conversion import contacts_json
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -37,6 +41,9 @@ _KIND_WORDS: dict[object, str] = {
     float: "a number",
     str: "a text",
     os.PathLike: "a path",
+    Mapping: "a dict of what a file holds",
+    ObjectModel: "an ObjectModel",
+    Contact: "a Contact",
     RigFile: "a RigFile (load_rig(path), or a rig's `file`)",
     ObjectsFile: "an ObjectsFile (load_objects)",
     ContactsFile: "a ContactsFile (load_contacts)",
@@ -110,6 +117,15 @@ def _repr_of(value: object) -> str:
 
 PathLike = str | os.PathLike[str]
 
+ObjectsLike = ObjectsFile | PathLike | Mapping[str, object] | Sequence[ObjectModel]
+"""Object models: as loaded, their file, a dict of what it would hold, or models made in Python."""
+
+SceneLike = Scene | PathLike | Mapping[str, object]
+"""What lies on an emulated table: as loaded, its file, or a dict of what it would hold."""
+
+ContactLists = Sequence[Contact] | Sequence[Sequence[Contact]]
+"""Contacts, misses included: one list of them, or a list of grips, which are lists."""
+
 
 @check_arguments
 def load_rig(path: PathLike | None = None) -> RigFile:
@@ -118,12 +134,22 @@ def load_rig(path: PathLike | None = None) -> RigFile:
 
 
 @check_arguments
-def load_objects(path: PathLike | None = None) -> ObjectsFile:
+def load_objects(
+    objects: PathLike | Mapping[str, object] | Sequence[ObjectModel] | None = None,
+) -> ObjectsFile:
     """Load object models (JSON, `palpate/objects@1`), or the six shipped ones; InputError if wrong.
 
-    Warns (`RigWarning`) of points of outlines that repeat others or lie on straight lines: they are left out.
+    Values made in Python are checked as a file is: a dict of what it would hold (`format` and `units` may be
+    left out), or a list of models. Warns (`RigWarning`) of points of outlines that repeat others or lie on
+    straight lines: they are left out.
     """
-    found = read_objects(_path(path, shipped_objects()))
+    if objects is None or isinstance(objects, str | os.PathLike):
+        found = read_objects(_path(objects, shipped_objects()))
+    else:
+        values = objects if isinstance(objects, Mapping) else {"objects": objects_values(objects)}
+        found = objects_of_values(
+            {"format": "palpate/objects@1", "units": "mm"} | dict(values), name_of(objects)
+        )
     for line in found.notices:
         warn_operator(line)
     return found
@@ -150,9 +176,14 @@ def load_contacts(path: PathLike) -> ContactsFile:
 
 
 @check_arguments
-def load_scene(path: PathLike) -> Scene:
-    """Load what lies on an emulated table (JSON, `palpate/scene@1`); InputError if it is wrong."""
-    return read_scene(Path(path))
+def load_scene(scene: PathLike | Mapping[str, object]) -> Scene:
+    """Load what lies on an emulated table (JSON, `palpate/scene@1`); InputError if it is wrong.
+
+    From its file, or a dict of what it would hold, in which `format` may be left out.
+    """
+    if isinstance(scene, Mapping):
+        return check_values("the scene", {"format": "palpate/scene@1"} | dict(scene), Scene, {})
+    return read_scene(Path(scene))
 
 
 @check_arguments
@@ -169,31 +200,57 @@ def load_references(path: PathLike | None = None) -> ReferencesFile:
 
 @check_arguments
 def save(
-    value: RigFile | ObjectsFile | ContactsFile | Scene | CalibrationFile | ReferencesFile, path: PathLike
+    value: RigFile
+    | ObjectsFile
+    | ContactsFile
+    | Scene
+    | CalibrationFile
+    | ReferencesFile
+    | Sequence[ObjectModel]
+    | ContactLists,
+    path: PathLike,
 ) -> None:
     """Save a value in its file format, so that loading it gives the same value again.
 
-    The file is replaced at once: a reader never meets half of it. Raises InputError where the path cannot be
-    written and for a value that no format holds, OutputError for a full disk.
+    Object models and contacts that were made in Python are checked as their file is. One list of contacts is
+    one grip, or, if a finger occurs in it twice, as many single touches. The file is replaced at once: a
+    reader never meets half of it. Raises InputError where the path cannot be written and for a value that no
+    format holds, OutputError for a full disk.
     """
-    write_text(Path(path), file_text(value))
+    write_text(Path(path), file_text(_file_value(value) if isinstance(value, Sequence) else value))
 
 
-def objects_from(objects: ObjectsFile | PathLike | None) -> ObjectsFile:
+def _file_value(items: Sequence[object]) -> ObjectsFile | ContactsFile:
+    """The file of object models, or of contacts."""
+    models = [item for item in items if isinstance(item, ObjectModel)]
+    if models:
+        return load_objects(models)
+    touches = [item for item in items if isinstance(item, Contact)]
+    names = {item.name for item in touches}
+    grips = [item for item in items if isinstance(item, Sequence)]
+    if touches:
+        grips = [touches] if len(names) == len(touches) else [[item] for item in touches]
+    for contact in (contact for grip in grips for contact in grip):
+        if contact.turn_bound_rad:
+            raise InputError(f"save: the contact of {contact.name} has a turn_bound_rad: no file holds that")
+    return check_values("the contacts", contacts_json(grips), ContactsFile, CONTACT_NOUNS)
+
+
+def objects_from(objects: ObjectsLike | None) -> ObjectsFile:
     """Object models as given, from their file, or the shipped ones."""
     return objects if isinstance(objects, ObjectsFile) else load_objects(objects)
 
 
-def name_of(objects: ObjectsFile | PathLike | None) -> str:
+def name_of(objects: ObjectsLike | None) -> str:
     """Name of a catalogue in messages: its file as the user gave it."""
-    if isinstance(objects, ObjectsFile):
-        return "the catalogue"
-    return shipped_objects().name if objects is None else os.fspath(objects)
+    if isinstance(objects, str | os.PathLike):
+        return os.fspath(objects)
+    return shipped_objects().name if objects is None else "the catalogue"
 
 
-def scene_from(scene: Scene | PathLike | None) -> Scene | None:
-    """A scene as given, from its file, or none."""
-    return load_scene(scene) if isinstance(scene, str | os.PathLike) else scene
+def scene_from(scene: SceneLike | None) -> Scene | None:
+    """A scene as given, from its file or its values, or none."""
+    return scene if scene is None or isinstance(scene, Scene) else load_scene(scene)
 
 
 def _path(path: PathLike | None, shipped: Traversable) -> Path | Traversable:

@@ -27,7 +27,7 @@ from palpate.rig.bench import BenchRig, choose_placements, draw_table, environme
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.reachability import finding_lines
 from palpate.rig.contact_peak import bus_latency_s
-from palpate.rig.conversion import finger_of
+from palpate.rig.conversion import contacts_json, finger_of
 from palpate.rig.emulated.ground_truth import placements_in_hand_frame, scene_lines
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import scene_of
@@ -41,7 +41,6 @@ from palpate.rig.session.log import SessionLog, session_folder
 from palpate.rig.session.recorded_session import confirmed_of, keep_inputs
 from palpate.rig.session.run import TRUTH_EVENT, run_identification
 from palpate.rig.session.signals import HeldInterrupts
-from palpate.views.recognition import contacts_json
 
 
 @dataclass(frozen=True)

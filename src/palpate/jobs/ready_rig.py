@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 
 from palpate.base.errors import InputError, warn_operator
-from palpate.config import ObjectsFile
-from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, select_known
+from palpate.jobs.files import ObjectsLike, check_arguments, name_of, objects_from, select_known
 from palpate.recognizer import FingerApproach
 from palpate.rig.bench import check_heights
 from palpate.rig.catalogue.preparation import prepare_catalogue
@@ -33,7 +32,7 @@ class ReadyRig(GripPlanner):
         self._connection = None
 
     @check_arguments
-    def recognise(self, objects: ObjectsFile | PathLike | None = None) -> RigRecognition:
+    def recognise(self, objects: ObjectsLike | None = None) -> RigRecognition:
         """Recognise nothing yet: anything of the catalogue may lie anywhere; `extend` it with grips.
 
         `objects`: None for the shipped ones. States that are not known at the fingers' heights are left out,

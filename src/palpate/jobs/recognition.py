@@ -18,7 +18,15 @@ from palpate.config.recognition_results import (
     PartOut,
     UnknownStateOut,
 )
-from palpate.jobs.files import PathLike, check_arguments, load_contacts, objects_from, select_known
+from palpate.jobs.files import (
+    ContactLists,
+    ObjectsLike,
+    PathLike,
+    check_arguments,
+    load_contacts,
+    objects_from,
+    select_known,
+)
 from palpate.recognizer import (
     Budget,
     Catalogue,
@@ -282,15 +290,15 @@ class RecognitionAnswer:
         return f"<RecognitionAnswer {self.verdict.value}: {'; '.join([names, *reasons[:1]])}>"
 
 
-Contacts = ContactsFile | PathLike | Sequence[Contact] | Sequence[Sequence[Contact]]
-"""Contacts, misses included: from a file, one list of them, or a list of grips, which are lists."""
+Contacts = ContactsFile | PathLike | ContactLists
+"""Contacts, misses included: from a file, or lists of them."""
 
 _MANY_INTERPRETATIONS = 10_000  # interpretations that take noticeably long
 
 
 @check_arguments
 def recognise(
-    objects: ObjectsFile | PathLike | None,
+    objects: ObjectsLike | None,
     contacts: Contacts,
     *,
     max_spurious: int = 0,
@@ -324,7 +332,7 @@ def recognise(
 @check_arguments
 def plan(
     rig: RigFile | Carrier,
-    objects: ObjectsFile | PathLike | None,
+    objects: ObjectsLike | None,
     contacts: Contacts,
     *,
     strategy: Strategy | str = Strategy.PLANNED,

@@ -12,7 +12,7 @@ from typing import Self
 
 from palpate.base.errors import InputError, warn_operator
 from palpate.base.vocabulary import Strategy
-from palpate.config import ObjectsFile, RigFile, RigOnBench, Scene, load_calibrated
+from palpate.config import RigFile, RigOnBench, load_calibrated
 from palpate.config.calibration_file import ReferencesFile
 from palpate.drivers.emulators import LOOPBACK, DeviceServer, serve_pty, serve_tcp
 from palpate.drivers.transport import Clock, MonotonicClock
@@ -37,7 +37,9 @@ from palpate.jobs.check import (
     touch_check,
 )
 from palpate.jobs.files import (
+    ObjectsLike,
     PathLike,
+    SceneLike,
     check_arguments,
     name_of,
     objects_from,
@@ -137,9 +139,9 @@ class Rig:
     @check_arguments
     def identify(  # noqa: PLR0913  # the command's options, all optional
         self,
-        objects: ObjectsFile | PathLike | None = None,
+        objects: ObjectsLike | None = None,
         *,
-        scene: Scene | PathLike | None = None,
+        scene: SceneLike | None = None,
         strategy: Strategy | str | GripStrategy = Strategy.PLANNED,
         parts: int | str = 1,
         unconfirmed: bool = False,
@@ -204,7 +206,7 @@ class Rig:
         state: str = "learned",
         objects: ObjectsFile | PathLike | None = None,
         contacts: recognition.Contacts = (),
-        scene: Scene | PathLike | None = None,
+        scene: SceneLike | None = None,
         unconfirmed: bool = False,
         notice: Callable[[str], None] = warn_operator,
         progress: Callable[[str], None] = lambda _: None,
@@ -231,7 +233,7 @@ class Rig:
     @check_arguments
     def plan(
         self,
-        objects: ObjectsFile | PathLike | None,
+        objects: ObjectsLike | None,
         contacts: recognition.Contacts,
         *,
         strategy: Strategy | str = Strategy.PLANNED,
@@ -405,9 +407,9 @@ class Rig:
     @contextmanager
     def connect(
         self,
-        objects: ObjectsFile | PathLike | None = None,
+        objects: ObjectsLike | None = None,
         *,
-        scene: Scene | PathLike | None = None,
+        scene: SceneLike | None = None,
         unconfirmed: bool = False,
         notice: Callable[[str], None] = warn_operator,
     ) -> Iterator[ReadyRig]:
@@ -436,9 +438,9 @@ class Rig:
     @contextmanager
     def serve(
         self,
-        objects: ObjectsFile | PathLike | None = None,
+        objects: ObjectsLike | None = None,
         *,
-        scene: Scene | PathLike | None = None,
+        scene: SceneLike | None = None,
         pty: bool = True,
         tcp_port: int = 0,
         host: str = LOOPBACK,

@@ -5,10 +5,12 @@ shear, and undetected contact.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from palpate.base.errors import InputError
+from palpate.base.tips import TipShape
 from palpate.config import (
     ArrayConfig,
     ClosingConfig,
@@ -56,6 +58,41 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
             )
         grips.append(contacts)
     return grips
+
+
+def contacts_json(grips: Sequence[Sequence[Contact]]) -> dict[str, object]:
+    """Contacts as `palpate/contacts@1`, misses included, grip by grip."""
+    return {
+        "format": "palpate/contacts@1",
+        "units": "mm, rad",
+        "grips": [{"contacts": [_contact(contact) for contact in grip]} for grip in grips],
+    }
+
+
+def _contact(contact: Contact) -> dict[str, object]:
+    approach: dict[str, object] = {"direction": contact.direction_rad, "start": list(contact.start_mm)}
+    entry: dict[str, object] = {
+        "finger": contact.name,
+        "touched": contact.touched,
+        "height": contact.finger.height_mm,
+        "tip_radius": contact.finger.tip_radius_mm,
+        "position_bound": contact.position_bound_mm,
+    }
+    if contact.finger.half_length_mm:
+        entry["tip_length"] = 2 * contact.finger.half_length_mm
+    if contact.finger.shape is not TipShape.CYLINDER:
+        entry["tip_shape"] = str(contact.finger.shape)
+    if contact.friction is not None:
+        entry["friction"] = contact.friction
+    if contact.path_bound_mm is not None:
+        entry["path_bound"] = contact.path_bound_mm
+    if contact.touched:
+        entry["centre"] = list(contact.end_mm)
+        if contact.normal is not None:
+            entry["normal"] = [contact.normal.lo_rad, contact.normal.hi_rad]
+    else:
+        approach["end"] = list(contact.end_mm)
+    return entry | {"approach": approach}
 
 
 def finger_of(finger: FingerConfig) -> Finger:

@@ -8,7 +8,6 @@ from palpate.base.errors import InputError, join_words, nearest, quantity
 from palpate.base.geometry import Floats
 from palpate.base.geometry.outlines import rings_of
 from palpate.base.short_repr import ShortRepr
-from palpate.base.tips import TipShape
 from palpate.config import RigFile
 from palpate.config.problems import excerpt
 from palpate.config.recognition_results import (
@@ -60,15 +59,6 @@ def recognition_out(
     )
 
 
-def contacts_json(grips: Sequence[Sequence[Contact]]) -> dict[str, object]:
-    """Contacts as `palpate/contacts@1`, for `palpate recognize`."""
-    return {
-        "format": "palpate/contacts@1",
-        "units": "mm, rad",
-        "grips": [{"contacts": [_contact(contact) for contact in grip]} for grip in grips],
-    }
-
-
 def recognition_picture(recognition: Recognition, title: str) -> str:
     """SVG of a recognition without a rig."""
     hypotheses = recognition.hypotheses
@@ -108,30 +98,6 @@ def _edge(feature: int) -> int:
 
 def _feature(feature: int) -> str:
     return f"edge {feature}" if feature >= 0 else f"vertex {_edge(feature)}"
-
-
-def _contact(contact: Contact) -> dict[str, object]:
-    approach: dict[str, object] = {"direction": contact.direction_rad, "start": list(contact.start_mm)}
-    entry: dict[str, object] = {
-        "finger": contact.name,
-        "touched": contact.touched,
-        "height": contact.finger.height_mm,
-        "tip_radius": contact.finger.tip_radius_mm,
-        "position_bound": contact.position_bound_mm,
-    }
-    if contact.finger.half_length_mm:
-        entry["tip_length"] = 2 * contact.finger.half_length_mm
-    if contact.finger.shape is not TipShape.CYLINDER:
-        entry["tip_shape"] = str(contact.finger.shape)
-    if contact.path_bound_mm is not None:
-        entry["path_bound"] = contact.path_bound_mm
-    if contact.touched:
-        entry["centre"] = list(contact.end_mm)
-        if contact.normal is not None:
-            entry["normal"] = [contact.normal.lo_rad, contact.normal.hi_rad]
-    else:
-        approach["end"] = list(contact.end_mm)
-    return entry | {"approach": approach}
 
 
 def _verdict_line(recognition: Recognition) -> str:

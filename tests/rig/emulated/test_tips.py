@@ -26,14 +26,13 @@ from palpate.rig.bench import connect
 from palpate.rig.catalogue.finger_model import contact_bound_mm
 from palpate.rig.catalogue.reachability import finding_lines, overhangs_of
 from palpate.rig.commissioning.calibration_run import steps_of
-from palpate.rig.conversion import finger_of, grips_of
+from palpate.rig.conversion import contacts_json, finger_of, grips_of
 from palpate.rig.emulated.devices import description_of
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.identify import identify
 from palpate.rig.identification.outcome import Identification
 from palpate.rig.study.simulation import with_motion
-from palpate.views.recognition import contacts_json
 from support.benches.rigs import firm_rig, quicken, small, small_objects, small_rig
 from support.benches.session import emulated_session, identify_checked
 from support.campaign.sampling import sample
