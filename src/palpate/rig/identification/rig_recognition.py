@@ -98,8 +98,9 @@ class RigRecognition:
         """
         if not isinstance(grip, MadeGrip):
             raise InputError(
-                f"extend: grip is {type(grip).__name__}; it must be what rig.grip or rig.touch has returned: "
-                "contacts from elsewhere go into palpate.recognise(objects, contacts).extend(more)"
+                f"extend: grip is a {type(grip).__name__}; it must be the MadeGrip that rig.grip or "
+                "rig.touch has returned, whole: a list of its contacts lacks what was measured; contacts "
+                "from elsewhere go into palpate.recognise(objects, contacts).extend(more)"
             )
         if grip.rig != self._search.rig:
             raise InputError(f'extend: the grip is of rig "{grip.rig.name}" with other values in its file')
