@@ -290,6 +290,36 @@ def test_a_wrong_kind_of_argument_is_named_with_what_is_allowed(
         call(palpate.open_rig())
 
 
+FINGER = palpate.Finger(2.0, 10.0)
+TOUCH: dict[str, Any] = {
+    "name": "f1",
+    "finger": FINGER,
+    "touched": True,
+    "start_mm": (0.0, -60.0),
+    "end_mm": (0.0, -5.0),
+    "position_bound_mm": 0.2,
+}
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: palpate.Finger("a", 10.0),  # type: ignore[arg-type]
+        lambda: palpate.NormalRange("a", 1.0),  # type: ignore[arg-type]
+        lambda: palpate.Contact(**TOUCH | {"touched": "no"}),
+        lambda: palpate.Contact(**TOUCH | {"start_mm": (0.0, 0.0, 0.0)}),
+        lambda: palpate.Contact(**TOUCH | {"end_mm": 3.0}),
+        lambda: palpate.Contact(**TOUCH | {"position_bound_mm": "small"}),
+        lambda: palpate.Goals(-1.0, 0.1),
+        lambda: palpate.Goals(1.0, "a"),  # type: ignore[arg-type]
+        lambda: palpate.FingerApproach(FINGER, (0.0, 0.0), 0.0, 10.0, 0.1).up_to(-5.0),
+    ],
+)
+def test_values_that_cannot_be_are_refused_where_they_are_made(make: Callable[[], object]) -> None:
+    with pytest.raises(palpate.InputError):
+        make()
+
+
 def test_messages_name_no_options_of_the_command_line() -> None:
     rooms = ("jobs", "base", "cad", "calibration", "config", "drivers", "recognizer", "rig")
     paths = [path for room in rooms for path in (ROOT / "src" / "palpate" / room).rglob("*.py")]

@@ -115,7 +115,7 @@ def test_a_plan_for_a_carrier_can_be_shown(objects: Path) -> None:
     [
         ({"approaches": []}, "one approach or more"),
         ({"approaches": [3]}, "one approach or more"),
-        ({"approaches": [replace(ways(0.02)[0], travel_mm=0.0)]}, "travel over 0"),
+        ({"approaches": [replace(ways(0.02)[0], travel_mm=0.0)]}, "go more than 0"),
         ({"approaches": [replace(ways(0.02)[0], position_bound_mm=math.nan)]}, "must be finite"),
         (
             {
@@ -125,7 +125,12 @@ def test_a_plan_for_a_carrier_can_be_shown(objects: Path) -> None:
             },
             "must be round",
         ),
+        ({"approaches": [replace(ways(0.02)[0], start_mm=(0.0, 0.0, 0.0))]}, "start at x and y"),
+        ({"approaches": [replace(ways(0.02)[0], travel_mm="10")]}, "must be finite"),
         ({"search_mm_s": 0.0}, "speeds"),
+        ({"travel_mm_s": "fast"}, "speeds"),
+        ({"goals": (0.1, 0.1)}, "goals must be palpate.Goals"),
+        ({"false_match_probability": 2.0}, "false_match_probability"),
     ],
 )
 def test_a_carrier_that_cannot_be_is_refused(change: dict[str, object], words: str) -> None:

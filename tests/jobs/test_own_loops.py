@@ -110,6 +110,7 @@ def test_grips_are_values_that_may_be_taken_again_and_again(bench: tuple[Path, P
         (lambda ways: [replace(ways[0], fast_mm=ways[0].travel_mm)], "of its way are known to be free"),
         (lambda ways: [replace(ways[0], finger_index=9)], "of no finger"),
         (lambda ways: [ways], "one approach or several"),
+        (lambda _: 3, "one approach or several"),
     ],
 )
 def test_a_grip_that_fingers_cannot_make_moves_nothing(

@@ -53,6 +53,13 @@ def test_an_episode_ends_with_the_part_inside_the_bounds(env: Any, tmp_path: Pat
     assert not observed["contacts"][touches:].any()
 
 
+@pytest.mark.parametrize("action", [10**6, -1])
+def test_an_action_that_there_is_not_moves_nothing(env: Any, action: int) -> None:
+    env.reset(seed=3)
+    with pytest.raises(palpate.InputError, match="action is"):
+        env.step(action)
+
+
 def test_a_real_rig_is_refused() -> None:
     from palpate_gymnasium import TouchEnv
 

@@ -29,7 +29,11 @@ class NormalRange:
     hi_rad: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.lo_rad) and math.isfinite(self.hi_rad)):
+        try:
+            is_finite = math.isfinite(self.lo_rad) and math.isfinite(self.hi_rad)
+        except TypeError:
+            is_finite = False
+        if not is_finite:
             raise InputError("a normal range must be two finite angles in rad")
         if not 0.0 <= self.hi_rad - self.lo_rad <= 2 * math.pi + 1e-9:
             raise InputError(
@@ -55,6 +59,12 @@ class Finger:
     shape: TipShape = TipShape.CYLINDER
 
     def __post_init__(self) -> None:
+        try:
+            self._check()
+        except TypeError:
+            raise InputError(f"a finger's radius, height and half length must be numbers: {self}") from None
+
+    def _check(self) -> None:
         if not 0 <= self.tip_radius_mm <= _LARGEST_TIP_MM:
             raise InputError(
                 f"a finger's tip radius must be from 0 to {_LARGEST_TIP_MM:g} mm, not {self.tip_radius_mm:g}"
@@ -137,6 +147,18 @@ class Contact(ShortRepr):
     turn_bound_rad: float = 0.0
 
     def __post_init__(self) -> None:
+        try:
+            self._check()
+        except TypeError:
+            raise InputError(
+                f"contact of {self.name}: start and end must be pairs of numbers, bounds and friction numbers"
+            ) from None
+
+    def _check(self) -> None:
+        if self.touched not in (True, False):
+            raise InputError(f"contact of {self.name}: touched must be True or False, not {self.touched!r}")
+        if not len(self.start_mm) == len(self.end_mm) == 2:
+            raise InputError(f"contact of {self.name}: start and end must each be x and y in mm")
         for value in (*self.start_mm, *self.end_mm):
             if not abs(value) <= LARGEST_MM:
                 raise InputError(

@@ -15,6 +15,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
 from palpate.base.short_repr import ShortRepr
@@ -56,7 +57,9 @@ class FingerApproach(ShortRepr, Approach):
     touch_mm_s: float | None = None
 
     def up_to(self, travel_mm: float) -> Self:
-        """The same approach, for `travel_mm` at most."""
+        """The same approach, for `travel_mm` at most. Raises InputError for less than 0."""
+        if not travel_mm >= 0:
+            raise InputError(f"an approach cannot be for {travel_mm:g} mm; its travel is 0 or more")
         shorter = min(travel_mm, self.travel_mm)
         return replace(self, travel_mm=shorter, fast_mm=min(self.fast_mm, shorter))
 

@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.approach import Approach, Rays, in_object_frame, near_edges, offset_from_rays
@@ -158,10 +159,18 @@ _MAX_PAIRS = 12_000
 
 @dataclass(frozen=True)
 class Goals:
-    """Bounds narrower than these, either way, are fine enough."""
+    """Bounds narrower than these, either way, are fine enough. Raises InputError unless both are over 0."""
 
     position_mm: float
     orientation_rad: float
+
+    def __post_init__(self) -> None:
+        try:
+            is_over_0 = self.position_mm > 0 and self.orientation_rad > 0
+        except TypeError:
+            is_over_0 = False
+        if not is_over_0:
+            raise InputError(f"goals must be numbers over 0, in mm and rad: {self}")
 
     def are_met_by(self, bounds: Bounds) -> bool:
         """Return whether bounds are fine enough."""

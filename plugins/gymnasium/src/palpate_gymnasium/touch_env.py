@@ -84,7 +84,9 @@ class TouchEnv(gymnasium.Env[Observation, np.int64]):
         return self._observation(), self._info()
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Touch along an approach: reward, and whether the episode is over."""
+        """Touch along an approach: reward, and whether the episode is over. InputError for another action."""
+        if not self.action_space.contains(action):
+            raise palpate.InputError(f"action is {action!r}; it must be a number of {self.action_space}")
         self._known = self._known.extend(self._rig.touch(self.approaches[action]))
         info = self._info()
         answered = info["verdict"] in _ANSWERS

@@ -4,7 +4,7 @@ An identification in two steps, for programs that carry out or choose grips them
 `identify` that decides and understands, so motions of the part and contradictions are dealt with alike.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, Self
@@ -164,13 +164,15 @@ class GripPlanner:
                 f"plan: recognition is {type(recognition).__name__}; it must be what this rig's recognise, "
                 "or extend of that, has returned"
             )
+        if goal is not None and not isinstance(goal, Goals):
+            raise InputError(f"plan: goal is {goal!r}; it must be palpate.Goals(mm, rad), or None")
         planned = recognition._plan(goal)
         self._free_mm = {_line_of(item): item.fast_mm for item in planned}
         return planned
 
     def check(self, approaches: Sequence[FingerApproach]) -> tuple[FingerApproach, ...]:
         """The approaches of one grip; InputError for such as the fingers cannot make, or not together."""
-        asked = tuple(approaches)
+        asked = tuple(approaches) if isinstance(approaches, Iterable) else ()
         if not asked or not all(isinstance(item, FingerApproach) for item in asked):
             raise InputError("a grip is one approach or several, each of `approaches` or of a plan")
         if len({item.finger_index for item in asked}) < len(asked):

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 
@@ -13,7 +14,12 @@ from palpate.config import SearchConfig
 from palpate.recognizer import FingerApproach, Goals, Resolution
 
 _DEFAULT_GOALS = Goals(0.1, math.radians(0.1))
+_APPROACH_NUMBERS = 5  # start, direction, travel and bound
 _NO_NORMAL_RAD = math.pi  # half of the range of a touch that measures none
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +42,22 @@ class Carrier:
     def __post_init__(self) -> None:
         if not self.approaches or not all(isinstance(item, FingerApproach) for item in self.approaches):
             raise InputError("a carrier has one approach or more, each a palpate.FingerApproach")
+        if not isinstance(self.goals, Goals):
+            raise InputError(f"a carrier's goals must be palpate.Goals(mm, rad), not {self.goals!r}")
         if any(item.finger.tip.has_face for item in self.approaches):
             raise InputError("the tip of a carrier's approach must be round: where a pad is met is not known")
         for item in self.approaches:
             values = *item.start_mm, item.direction_rad, item.travel_mm, item.position_bound_mm
-            if not (all(map(math.isfinite, values)) and item.travel_mm > 0 <= item.position_bound_mm):
+            finite = len(values) == _APPROACH_NUMBERS and all(map(_is_finite, values))
+            if not (finite and item.travel_mm > 0 <= item.position_bound_mm):
                 raise InputError(
-                    f"an approach must be finite, with a travel over 0 and a bound from 0: {item}"
+                    "an approach must be finite, start at x and y, go more than 0 and have a bound from 0: "
+                    f"{item}"
                 )
-        if not (self.travel_mm_s > 0 and self.search_mm_s > 0):
+        if not all(_is_finite(speed) and speed > 0 for speed in (self.travel_mm_s, self.search_mm_s)):
             raise InputError("a carrier's speeds must be more than 0")
+        if not (_is_finite(self.false_match_probability) and 0 < self.false_match_probability <= 1):
+            raise InputError("a carrier's false_match_probability must be over 0, and 1 at most")
         search = SearchConfig(
             max_grips=1000,
             goal_position_mm=self.goals.position_mm,
