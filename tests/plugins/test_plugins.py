@@ -1,6 +1,7 @@
 """Plug-ins of arrays and servos, and their page."""
 
 import re
+import runpy
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -53,6 +54,15 @@ def test_a_rig_whose_arrays_come_by_plug_in_passes_its_check(folder: Path, here:
     done = here("check", "--rig", rig, "--json")
     assert done.code == 0, done.err
     assert {(array["protocol"], array["firmware"]) for array in done.json["arrays"]} == {("lines", "lines 1")}
+
+
+@pytest.mark.slow
+def test_the_example_identifies_a_part_on_the_emulated_bench(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(folder, "palpate-line-array", TACTILE_ARRAYS, {"lines": "line_array:LINES"})
+    runpy.run_path(str(EXAMPLE / "identify.py"))
+    assert "<Answer identified: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", BROKEN)
