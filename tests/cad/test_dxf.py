@@ -407,13 +407,22 @@ def test_no_dxf_file(file: Path) -> None:
     square(whole.modelspace())
     whole.saveas(file)
     text = file.read_bytes()
-    damaged = [b"", b"\0" * 100, b"solid cube\nfacet", b"AC1018\0\0\0", text[: len(text) // 2], text[:700]]
+    damaged = [
+        b"",
+        b"0\nSECTION\n",
+        b"\0" * 100,
+        b"solid cube\nfacet",
+        b"AC1018\0\0\0",
+        text[: len(text) // 2],
+        text[:700],
+    ]
     damaged += [text.replace(b"LWPOLYLINE", b"LWPOLYLINE\nx"), text.replace(b"\n10\n", b"\nten\n")]
     for content in damaged:
         file.write_bytes(content)
         with pytest.raises(InputError) as raised:
             read_dxf(file, None, 0.01)
         assert "\n" not in str(raised.value)
+        assert "StopIteration" not in str(raised.value)
 
 
 def test_missing_extra_is_named(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -215,6 +215,13 @@ def test_the_head_names_the_keys_where_anybody_can_type() -> None:
     assert screen(view_of(), keys=True, width=40)[1].strip() == "q end  t tare  r reset counts"
 
 
+def test_a_height_that_is_not_known_is_left_out_of_lines() -> None:
+    patch = replace(PATCH, height_mm=math.nan, height_bound_mm=math.inf)
+    said = line_of(view_of(force_n=2.0, patch=patch), 1.0)
+    assert "touched at" in said
+    assert not re.search(r"height|nan|inf", said)
+
+
 def test_a_saturated_contact_in_lines_and_as_json() -> None:
     patch = replace(PATCH, force_bound_n=math.inf, centroid_rad=math.nan)
     view = view_of(patch=patch, force_n=2.1)

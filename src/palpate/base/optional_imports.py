@@ -57,7 +57,6 @@ def input_errors(path: Path, kind: str) -> Iterator[None]:
     except (InputError, MemoryError):
         raise
     except Exception as problem:
-        detail = " ".join(str(problem).split()) or type(problem).__name__
-        raise InputError(
-            f"{path}: is no readable {kind} file ({detail:.200}); save it as {kind} anew"
-        ) from None
+        detail = " ".join(str(problem).split())
+        told = f" ({detail:.200})" if detail else ""
+        raise InputError(f"{path}: is no readable {kind} file{told}; save it as {kind} anew") from None

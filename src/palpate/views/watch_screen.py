@@ -90,7 +90,7 @@ def _contact_words(view: FingerView) -> str:
     words = [
         f"{patch.force_n:.3f} N",
         f"touched at {_place_words(patch, view.description.shape)}",
-        f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm",
+        *([] if math.isnan(patch.height_mm) else [_height_words(patch)]),
         *_flag_words(patch),
     ]
     return ", ".join(words)

@@ -103,7 +103,7 @@ def files_in(paths: Sequence[Path], *, recursive: bool = False) -> FoundFiles:
         f"{path} ({best[path.with_suffix('')].name} is there, too)" for path in found if path not in kept
     ]
     if twins:
-        lines.append(f"not read: {some_of(twins)}")
+        lines.append(f"not read: {some_of(twins)}; to read one of these, give it by itself")
     return FoundFiles(tuple(path for path in found if path in kept), tuple(lines))
 
 
