@@ -307,6 +307,7 @@ TOUCH: dict[str, Any] = {
         lambda: palpate.Finger("a", 10.0),  # type: ignore[arg-type]
         lambda: palpate.NormalRange("a", 1.0),  # type: ignore[arg-type]
         lambda: palpate.Contact(**TOUCH | {"touched": "no"}),
+        lambda: palpate.Contact(**TOUCH | {"finger": "f1"}),
         lambda: palpate.Contact(**TOUCH | {"start_mm": (0.0, 0.0, 0.0)}),
         lambda: palpate.Contact(**TOUCH | {"end_mm": 3.0}),
         lambda: palpate.Contact(**TOUCH | {"position_bound_mm": "small"}),

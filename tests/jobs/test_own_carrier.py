@@ -127,6 +127,7 @@ def test_a_plan_for_a_carrier_can_be_shown(objects: Path) -> None:
         ),
         ({"approaches": [replace(ways(0.02)[0], start_mm=(0.0, 0.0, 0.0))]}, "start at x and y"),
         ({"approaches": [replace(ways(0.02)[0], travel_mm="10")]}, "must be finite"),
+        ({"approaches": [replace(ways(0.02)[0], finger="probe")]}, "must be a palpate.Finger"),
         ({"search_mm_s": 0.0}, "speeds"),
         ({"travel_mm_s": "fast"}, "speeds"),
         ({"goals": (0.1, 0.1)}, "goals must be palpate.Goals"),

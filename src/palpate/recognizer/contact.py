@@ -155,6 +155,8 @@ class Contact(ShortRepr):
             ) from None
 
     def _check(self) -> None:
+        if not isinstance(self.finger, Finger):
+            raise InputError(f"contact of {self.name}: finger must be a palpate.Finger, not {self.finger!r}")
         if self.touched not in (True, False):
             raise InputError(f"contact of {self.name}: touched must be True or False, not {self.touched!r}")
         if not len(self.start_mm) == len(self.end_mm) == 2:

@@ -11,7 +11,7 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.vocabulary import DEFAULT_BUDGET
 from palpate.config import SearchConfig
-from palpate.recognizer import FingerApproach, Goals, Resolution
+from palpate.recognizer import Finger, FingerApproach, Goals, Resolution
 
 _DEFAULT_GOALS = Goals(0.1, math.radians(0.1))
 _APPROACH_NUMBERS = 5  # start, direction, travel and bound
@@ -44,6 +44,8 @@ class Carrier:
             raise InputError("a carrier has one approach or more, each a palpate.FingerApproach")
         if not isinstance(self.goals, Goals):
             raise InputError(f"a carrier's goals must be palpate.Goals(mm, rad), not {self.goals!r}")
+        if not all(isinstance(item.finger, Finger) for item in self.approaches):
+            raise InputError("the finger of a carrier's approach must be a palpate.Finger")
         if any(item.finger.tip.has_face for item in self.approaches):
             raise InputError("the tip of a carrier's approach must be round: where a pad is met is not known")
         for item in self.approaches:
