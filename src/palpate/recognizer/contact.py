@@ -5,11 +5,12 @@ the tip radius turns the finger into a point (memo footnote 3).
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 from palpate.base.errors import InputError
-from palpate.base.short_repr import ShortRepr
+from palpate.base.short_repr import ShortRepr, show_point
 from palpate.base.tips import Tip, TipShape, tip_of
 
 LARGEST_MM = 1e4
@@ -175,6 +176,18 @@ class Contact(ShortRepr):
 
         if self.friction is not None and not 0 <= self.friction < math.inf:
             raise InputError(f"contact of {self.name}: friction must be a number from 0 on")
+
+    def _facts(self) -> Iterator[str]:
+        where = (
+            f"touched at {show_point(self.end_mm)}"
+            if self.touched
+            else f"missed to {show_point(self.end_mm)}"
+        )
+        yield f"{self.name} {where} mm"
+        yield f"from {show_point(self.start_mm)} mm"
+        if self.normal is not None:
+            lo, hi = math.degrees(self.normal.lo_rad), math.degrees(self.normal.hi_rad)
+            yield f"normals {lo:.1f}° to {hi:.1f}°"
 
     @property
     def free_path_bound_mm(self) -> float:

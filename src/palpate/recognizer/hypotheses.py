@@ -3,6 +3,7 @@
 See docs/recogniser.md, "Hypotheses". Kept as arrays; one `Hypothesis` is a view of a row.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +13,7 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import cross
-from palpate.base.short_repr import ShortRepr
+from palpate.base.short_repr import ShortRepr, show_within
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
@@ -85,6 +86,17 @@ class Hypothesis(ShortRepr):
     witness_node: int
     cells: Cells
     constraints: Constraints
+
+    def _facts(self) -> Iterator[str]:
+        at, bounds = self.configuration, self.bounds
+        yield f"{self.state.object_name}/{self.state.state.name}"
+        yield f"x={show_within(at.x_mm, bounds.x_mm, ' mm')}"
+        yield f"y={show_within(at.y_mm, bounds.y_mm, ' mm')}"
+        lo, hi = map(math.degrees, bounds.theta_rad)
+        turned = show_within(math.degrees(at.theta_rad), (lo, hi), "°")
+        yield f"theta={'any' if self.state.state.is_round else turned}"
+        yield f"weight={self.weight:.4g}"
+        yield "verified" if self.verified else "not verified"
 
     @property
     def bounds(self) -> Bounds:

@@ -9,7 +9,7 @@ come from these samples, but from enclosures over whole regions (`prediction`).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
@@ -18,7 +18,7 @@ import numpy as np
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
-from palpate.base.short_repr import ShortRepr
+from palpate.base.short_repr import ShortRepr, show_point
 from palpate.recognizer.approach import Approach
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.prediction import Predictions, predict
@@ -55,6 +55,16 @@ class FingerApproach(ShortRepr, Approach):
     stage_rad: float = 0.0
     fast_mm: float = 0.0
     touch_mm_s: float | None = None
+
+    def _facts(self) -> Iterator[str]:
+        yield f"finger_index={self.finger_index}"
+        yield f"from {show_point(self.start_mm)} mm"
+        yield f"direction={math.degrees(self.direction_rad):.1f}°"
+        yield f"travel={self.travel_mm:.2f} mm"
+        if self.stage_rad:
+            yield f"stage={math.degrees(self.stage_rad):.1f}°"
+        if self.fast_mm:
+            yield f"fast={self.fast_mm:.2f} mm"
 
     def up_to(self, travel_mm: float) -> Self:
         """The same approach, for `travel_mm` at most. Raises InputError for less than 0."""

@@ -1,0 +1,51 @@
+"""Values that users of the front door make and print: contacts, approaches, hypotheses."""
+
+import math
+
+import pytest
+
+import palpate
+from palpate.recognizer import Hypothesis
+from support.commands.repository import EXAMPLES
+
+FINGER = palpate.Finger(5.0, 10.0)
+
+
+@pytest.fixture(scope="module")
+def hypothesis() -> Hypothesis:
+    """The hypothesis that the example's contacts leave."""
+    return palpate.recognise(None, EXAMPLES / "contacts.json").hypotheses[0]
+
+
+def test_a_hypothesis_shows_object_pose_and_bounds_that_hold(hypothesis: Hypothesis) -> None:
+    shown, bounds, at = repr(hypothesis), hypothesis.bounds, hypothesis.configuration
+    assert f"{hypothesis.state.object_name}/{hypothesis.state.state.name}" in shown
+    intervals = [bounds.x_mm, bounds.y_mm, tuple(map(math.degrees, bounds.theta_rad))]
+    for name, value, (lo, hi) in zip(
+        ("x", "y", "theta"), (at.x_mm, at.y_mm, math.degrees(at.theta_rad)), intervals, strict=True
+    ):
+        middle, half = shown.split(f" {name}=")[1].split(",")[0].rstrip(" m°").split("±")
+        assert float(middle) == pytest.approx(value, abs=0.0051)
+        assert float(middle) - float(half) <= lo + 1e-6
+        assert float(middle) + float(half) >= hi - 1e-6
+
+
+def test_contacts_and_approaches_show_where_they_are() -> None:
+    normals = palpate.NormalRange(math.radians(430), math.radians(450))
+    contact = palpate.Contact("f1", FINGER, True, (3.0, 145.114), (10.0, 40.726), 0.2, normals)
+    for part in ("f1", "touched", "(10.00, 40.73)", "(3.00, 145.11)", "430.0°", "450.0°"):
+        assert part in repr(contact)
+    assert "missed" in repr(palpate.Contact("f1", FINGER, False, (0.0, 1.0), (0.0, 2.0), 0.2))
+    approach = palpate.FingerApproach(FINGER, (3.0, 145.114), math.radians(-95), 80.0, 0.2, finger_index=1)
+    for part in ("finger_index=1", "(3.00, 145.11)", "-95.0°", "80.00"):
+        assert part in repr(approach)
+
+
+def test_values_of_wrong_kinds_have_a_repr_as_well() -> None:
+    for value in (
+        palpate.FingerApproach(FINGER, ("a", None), "x", 10.0, 0.2),  # type: ignore[arg-type]
+        palpate.Contact("f1", FINGER, True, (0.0, 1.0), (0.0, 2.0), 0.2, (1.0, 2.0)),  # type: ignore[arg-type]
+        object.__new__(palpate.Contact),
+        object.__new__(Hypothesis),
+    ):
+        assert "\n" not in repr(value)
