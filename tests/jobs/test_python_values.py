@@ -1,12 +1,17 @@
 """Values that users of the front door make and print: contacts, approaches, hypotheses."""
 
 import math
+import re
+from pathlib import Path
+from typing import Any
 
 import pytest
+import trimesh
 
 import palpate
 from palpate.recognizer import Hypothesis
-from support.commands.repository import EXAMPLES
+from support.benches.parts import mesh_file
+from support.commands.repository import EXAMPLES, ROOT
 
 FINGER = palpate.Finger(5.0, 10.0)
 
@@ -49,3 +54,31 @@ def test_values_of_wrong_kinds_have_a_repr_as_well() -> None:
         object.__new__(Hypothesis),
     ):
         assert "\n" not in repr(value)
+
+
+def test_the_import_on_the_page_runs(
+    read_here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = re.search(r"`(palpate\.import_objects\(.*?\))`", (ROOT / "docs/python.md").read_text("utf-8"))
+    assert shown is not None
+    mesh_file(trimesh.creation.box((30, 20, 10)), tmp_path / "part.stl")
+    monkeypatch.chdir(tmp_path)
+    objects = eval(shown[1], {"palpate": palpate})
+    assert [item.name for item in objects.objects] == ["part"]
+    lying = palpate.import_objects("part.stl", units="mm", states="as-is", name="angle", heights_mm=[(1, 3)])
+    assert [(item.name, len(item.states)) for item in lying.objects] == [("angle", 1)]
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"unit": "mm"}, "units"),
+        ({"units": "furlong"}, "inch"),
+        ({"units": "mm", "tolerance_mm": -1.0}, "tolerance_mm"),
+        ({"units": "mm", "heights_mm": [(5.0, 2.0)]}, "heights_mm"),
+        ({"units": "mm", "heights_mm": [("a", 2.0)]}, "heights_mm"),
+    ],
+)
+def test_wrong_settings_of_an_import_are_input_errors(settings: dict[str, Any], named: str) -> None:
+    with pytest.raises(palpate.InputError, match=named):
+        palpate.import_objects("part.stl", **settings)

@@ -55,9 +55,7 @@ class RequestedOptions:
     def of(self, path: Path | None) -> ImportOptions:
         """Options of a file; None: what the command line says of all."""
         known = dict(self.said) if path is None else self.settings.of(path) | dict(self.said)
-        states = known.pop("states", "auto")
-        known.pop("leave_out", None)
-        return ImportOptions(**known, as_is=states == "as-is", heights_mm=self.heights_mm)  # type: ignore[arg-type]
+        return ImportOptions.of(known, self.heights_mm)
 
     def select(self, found: FoundFiles) -> FoundFiles:
         """The files but for those that settings leave out, and what to say of settings. Raises InputError."""

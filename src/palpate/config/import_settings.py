@@ -5,16 +5,17 @@ or whose name, matches; of several that match, the later one goes before. What a
 all.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from palpate.config.fields import FileModel, Flag, Items, Length, Name, Positive, Text
 from palpate.config.loading import Source, load_toml
+from palpate.config.problems import problems_of, refuse
 
 SETTINGS_FILE = "palpate-import.toml"
 """Name of the file that the import of a folder looks for in it."""
@@ -31,8 +32,8 @@ class Up(StrEnum):
     MINUS_Z = "-z"
 
 
-class FileSettings(FileModel):
-    """Settings of some files; what is left out is as elsewhere."""
+class PartSettings(FileModel):
+    """Settings of the import of a file; what is left out is as elsewhere."""
 
     units: Literal["mm", "inch", "m", "pt"] | None = Field(
         default=None, description="Units of files that have none."
@@ -70,6 +71,11 @@ class FileSettings(FileModel):
         default=None, description="Least coefficient of friction at the table, for part_holds_n."
     )
     tags: Items[Name] | None = Field(default=None, description="Words by which lists choose; as you like.")
+
+
+class FileSettings(PartSettings):
+    """Settings of some files; what is left out is as elsewhere."""
+
     leave_out: Flag | None = Field(default=None, description="Do not import it.")
 
 
@@ -96,6 +102,15 @@ class ImportSettings(FileSettings):
 def _matches(path: PurePosixPath, pattern: str) -> bool:
     """Whether a pattern is that of a file; a name that is written out matches, whatever brackets it has."""
     return any(text == pattern or fnmatchcase(text, pattern) for text in (str(path), path.name))
+
+
+def part_settings(said: Mapping[str, object], source: str) -> dict[str, object]:
+    """Return settings as they are said in Python, checked as those of a file. Raises InputError."""
+    values = {key: list(value) if isinstance(value, tuple) else value for key, value in said.items()}
+    try:
+        return PartSettings.model_validate(values).model_dump(exclude_none=True)
+    except ValidationError as error:
+        raise refuse(source, problems_of(error, PartSettings, values, {})) from None
 
 
 def load_import_settings(source: Source) -> ImportSettings:

@@ -1,12 +1,13 @@
 """Object models from Python: import from CAD files, listing, picture, and what a rig cannot tell apart."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
 from typing import Literal
 
-from palpate.base.errors import warn_operator
+from palpate.base.errors import InputError, warn_operator
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.catalogue_results import (
     ObjectsCheckOut,
@@ -19,11 +20,13 @@ from palpate.config.catalogue_results import (
     StateNameOut,
     UnknownHeightOut,
 )
+from palpate.config.import_settings import part_settings
 from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.jobs.files import PathLike, check_arguments
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
+from palpate.rig.catalogue.import_states import ends_mm
 from palpate.rig.catalogue.section_stack import Range, StateSections, state_sections, symmetry_of_state
 from palpate.rig.catalogue.separating_heights import SeparatingHeights, separating_heights
 from palpate.rig.catalogue.twins import Likeness, StatePair, find_twins
@@ -82,15 +85,25 @@ _LIKENESS_WORDS = {
 
 @check_arguments
 def import_objects(
-    path: PathLike, options: ImportOptions | None = None, *, progress: Callable[[str], None] = lambda _: None
+    path: PathLike,
+    *,
+    heights_mm: Sequence[float | tuple[float, float]] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+    **settings: object,
 ) -> ObjectsFile:
     """Import object models from a CAD file: stable states and their cross sections.
 
-    STL, OBJ, PLY, 3MF, STEP, DXF, SVG; `options` as `palpate objects import` has them. Raises InputError,
+    STL, OBJ, PLY, 3MF, STEP, DXF, SVG. `heights_mm` at which sections are wanted, or (from, to); None: all.
+    `settings`: those of `palpate objects import` for a file, by their names in `palpate-import.toml`, such as
+    units="mm" and thickness_mm=10.0 (docs/importing.md). Raises InputError for these, and,
     with the place, for surfaces that are not closed, open outlines, files without units and the like. Warns
     (`RigWarning`) of parts that are refused where others of the file are not.
     """
-    imported = import_file(Path(path), options or ImportOptions(), progress)
+    heights = None if heights_mm is None else tuple(heights_mm)
+    if not all(0 <= low <= high < math.inf for low, high in map(ends_mm, heights or ())):
+        raise InputError(f"import_objects: heights_mm are from 0 on, ranges from low to high, not {heights}")
+    options = ImportOptions.of(part_settings(settings, "import_objects"), heights)
+    imported = import_file(Path(path), options, progress)
     for line in imported.refused:
         warn_operator(f"{path}: {line}")
     tables = [item.text for item in imported.objects]

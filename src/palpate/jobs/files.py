@@ -44,6 +44,7 @@ _KIND_WORDS: dict[object, str] = {
     Mapping: "a dict of what a file holds",
     ObjectModel: "an ObjectModel",
     Contact: "a Contact",
+    tuple[float, float]: "a pair of numbers",
     RigFile: "a RigFile (load_rig(path), or a rig's `file`)",
     ObjectsFile: "an ObjectsFile (load_objects)",
     ContactsFile: "a ContactsFile (load_contacts)",
@@ -84,6 +85,9 @@ def _is_allowed(value: object, hint: Any) -> bool:
     if kind is Sequence:
         (item,) = get_args(hint)
         return isinstance(value, Sequence) and all(_is_allowed(each, item) for each in value)
+    if kind is tuple and Ellipsis not in get_args(hint):
+        items = get_args(hint)
+        return isinstance(value, tuple) and len(value) == len(items) and all(map(_is_allowed, value, items))
     if kind in (int, float):
         return isinstance(value, int if kind is int else Real) and not isinstance(value, bool)
     return not isinstance(kind, type) or getattr(kind, "_is_protocol", False) or isinstance(value, kind)
@@ -107,7 +111,7 @@ def _kind_words(hint: Any) -> list[str]:
         if item == Sequence[Contact]:
             return ["a list of grips, each a list of contacts"]
         return [f"a sequence, each {' or '.join(_kind_words(item))}"]
-    return [_KIND_WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")]
+    return [_KIND_WORDS.get(hint) or _KIND_WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")]
 
 
 def _repr_of(value: object) -> str:

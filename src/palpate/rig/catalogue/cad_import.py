@@ -6,11 +6,11 @@ tolerance.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -97,6 +97,12 @@ class ImportOptions:
     density_g_cm3: float | None = None
     friction: float | None = None
     tags: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, settings: Mapping[str, object], heights_mm: tuple[Height, ...] | None) -> Self:
+        """Options by settings, checked ones (`config.import_settings`)."""
+        said = {key: value for key, value in settings.items() if key not in ("states", "leave_out")}
+        return cls(**said, as_is=settings.get("states") == "as-is", heights_mm=heights_mm)  # type: ignore[arg-type]
 
     @property
     def turn_up(self) -> Floats:
