@@ -1,5 +1,6 @@
 """Values that users of the front door make and print: contacts, approaches, hypotheses."""
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -11,6 +12,7 @@ import trimesh
 import palpate
 from palpate.recognizer import Hypothesis
 from support.benches.parts import mesh_file
+from support.benches.rigs import quick_bench
 from support.commands.repository import EXAMPLES, ROOT
 
 FINGER = palpate.Finger(5.0, 10.0)
@@ -82,3 +84,24 @@ def test_the_import_on_the_page_runs(
 def test_wrong_settings_of_an_import_are_input_errors(settings: dict[str, Any], named: str) -> None:
     with pytest.raises(palpate.InputError, match=named):
         palpate.import_objects("part.stl", **settings)
+
+
+@pytest.mark.parametrize(
+    "kind", [palpate.Contact, palpate.FingerApproach, palpate.NormalRange, palpate.Finger]
+)
+def test_the_page_has_every_field(kind: type) -> None:
+    page = (ROOT / "docs/python.md").read_text("utf-8")
+    table = page.split(f"| `{kind.__name__}` | unit |")[1].split("\n\n")[0]
+    names = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", table, re.M)))
+    assert names == [field.name for field in dataclasses.fields(kind)]
+
+
+def test_contacts_are_traced_to_their_fingers_as_the_page_shows(tmp_path: Path) -> None:
+    page = (ROOT / "docs/python.md").read_text("utf-8")
+    code = next(block for block in re.findall(r"```python\n(.*?)```", page, re.S) if "grip.touches" in block)
+    rig_file, parts = quick_bench(tmp_path)
+    with palpate.open_rig(rig_file, seed=7).connect(parts) as rig:
+        approaches = rig.plan(rig.recognise(parts))
+        names: dict[str, Any] = {"rig": rig, "approaches": approaches}
+        exec(code, names)
+    assert [touch.contact.name for touch in names["grip"].touches][-1] == names["name"]
