@@ -132,6 +132,8 @@ def test_a_scene_finds_its_objects_beside_itself(tmp_path: Path) -> None:
     assert scene.objects == str(tmp_path / "other.json")
     with pytest.raises(InputError, match=r"configuration.theta: is nan; it must be a finite number"):
         load_scene(write(tmp_path, content | {"configuration": {"x": 0, "y": 0, "theta": math.nan}}))
+    with pytest.raises(InputError, match=r"configuration.theta: is 90; it is in rad"):
+        load_scene(write(tmp_path, content | {"configuration": {"x": 0, "y": 0, "theta": 90}}))
 
 
 def recognition(x: float = 1.23456789) -> RecognitionOut:

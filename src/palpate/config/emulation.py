@@ -4,6 +4,7 @@ Adapters, imperfect mechanics, a part that may move when it is pushed, and the s
 emulators use any of it. The seed draws values from ranges [lo, hi].
 """
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -149,12 +150,20 @@ class EmulatedPartConfig(FileModel):
     )
 
 
+def _angle_in_rad(value: float) -> float:
+    if abs(value) > 2 * math.pi:
+        raise problem(f"is {value:g}; it is in rad, from −2π to 2π, where 90° are 1.5708")
+    return value
+
+
 class ConfigurationText(FileModel):
     """Place of the object frame in the support-plane frame W."""
 
     x: Number = Field(description="mm")
     y: Number = Field(description="mm")
-    theta: Number = Field(description="rad, counter-clockwise")
+    theta: Annotated[Number, AfterValidator(_angle_in_rad)] = Field(
+        description="rad, counter-clockwise, from −2π to 2π"
+    )
 
 
 class PartProperties(FileModel):
