@@ -16,6 +16,7 @@ import tomlkit
 from palpate.base.errors import InputError
 from palpate.base.extensions import TACTILE_ARRAYS
 from palpate.config import ArrayConfig, MountedArrayConfig, load_rig, shipped_rig
+from palpate.config.loading import SHIPPED_RIGS
 from palpate.config.rig_fingers import (
     CONTACT_LINES_PROTOCOL,
     CURRENT_PROTOCOL,
@@ -70,6 +71,15 @@ def test_the_shipped_bench_is_emulated_and_has_three_fingers() -> None:
     for finger in rig.fingers:
         assert sum(coordinate**2 for coordinate in finger.base_mm) == pytest.approx(190**2, abs=0.2)
     assert [finger.heading_deg for finger in rig.fingers] == [270.0, 30.0, 150.0]
+
+
+@pytest.mark.parametrize("name", SHIPPED_RIGS)
+def test_a_shipped_rig_explains_how_it_closes_and_when_it_ends(name: str) -> None:
+    text = shipped_rig(name).read_text("utf-8")
+    tables = re.findall(r"^\[(?:closing|search)\]\n(.*?)\n\n", text, re.M | re.S)
+    values = [line for table in tables for line in table.splitlines()]
+    assert len(values) > 10
+    assert [line for line in values if "  # " not in line] == []
 
 
 def test_search_keys_by_their_old_names_are_read_with_a_notice(
