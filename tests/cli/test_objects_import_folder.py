@@ -415,3 +415,15 @@ def test_files_that_are_refused_later_take_no_object_away(parts: Path, tmp_path:
     assert again.code == 2
     assert sorted(written(tmp_path)) == ["block-1", "block-2", "block-3"]
     assert "nothing was written" not in again.out
+
+
+def test_pictures_of_objects_are_no_drawings(parts: Path, tmp_path: Path, ask: Here, here: Here) -> None:
+    """`objects show` draws into the current folder, which may be the one that is imported."""
+    assert ask(parts, *OPTIONS).code == 0
+    picture = parts / "all.objects.svg"
+    assert here("objects", "show", "all.json", "--picture", picture).code == 0
+    picture.with_stem("all.objects-2").write_text(picture.read_text("utf-8"), encoding="utf-8")
+    again = ask(parts, *OPTIONS)
+    assert again.code == 0
+    assert [item["kept"] for item in again.json["files"]] == [True] * 3
+    assert picture.name in again.err

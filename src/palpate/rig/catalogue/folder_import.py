@@ -8,6 +8,7 @@ A file that fails does not affect the others.
 import hashlib
 import json
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -74,6 +75,9 @@ class FoundFiles:
 _BY_PREFERENCE = (".step", ".stp", ".3mf", ".stl", ".obj", ".ply", ".dxf", ".svg")
 """Of one part in several formats: first what has curves, then what has units, then what is most common."""
 
+_PICTURE = re.compile(r"\.objects(-\d+)?\.svg$")
+"""Name of what `palpate objects show` draws by default."""
+
 _MOST_NAMED = 8  # files or folders in a line
 
 
@@ -109,10 +113,14 @@ def files_in(paths: Sequence[Path], *, recursive: bool = False) -> FoundFiles:
 
 def _inside(folder: Path, *, recursive: bool) -> tuple[list[Path], list[str]]:
     """CAD files of a folder, in order, and what is left out of it."""
-    files, passed, hidden = [], [], []
+    files: list[Path] = []
+    pictures: list[Path] = []
+    passed, hidden = [], []
     for root, folders, names in os.walk(folder):
         here = Path(root)
-        files += [here / name for name in names if Path(name).suffix.lower() in CAD_SUFFIXES]
+        for name in names:
+            if Path(name).suffix.lower() in CAD_SUFFIXES:
+                (pictures if _PICTURE.search(name) else files).append(here / name)
         folders.sort()
         secret = [name for name in folders if name.startswith((".", "__"))]
         hidden += [str(here / name) for name in secret]
@@ -121,6 +129,8 @@ def _inside(folder: Path, *, recursive: bool) -> tuple[list[Path], list[str]]:
             passed += [str(here / name) for name in folders if _holds_cad_files(here / name)]
             break
     lines = [f"folders that were not entered, as it is not recursive: {some_of(passed)}"] if passed else []
+    if pictures:
+        lines.append(f"pictures of objects show: {some_of(sorted(map(str, pictures)))}")
     return sorted(files), [*lines, *([f"hidden: {some_of(hidden)}"] if hidden and recursive else [])]
 
 
