@@ -325,3 +325,18 @@ def test_nor_over_files_that_have_no_option(words: tuple[str, ...], folder: Path
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1), ended
     assert "it is the same file as" in ended.err
     assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--strategy", "best"), "'best' is not one of 'planned', 'random', 'rotate'"),
+        (("--seed", "1.5"), "whole number"),
+        (("--seed", "-1"), "it must be greater than or equal to 0"),
+    ],
+)
+def test_values_of_options_are_refused_in_plain_words(here: Here, words: tuple[str, str], said: str) -> None:
+    ended = here("identify", *words)
+    assert ended.code == 2
+    assert said in ended.err
+    assert not any(word in ended.err for word in ("Value error", "Input should", "parse"))

@@ -8,6 +8,7 @@ safety stop, 5 log or disk failed, 129 terminal closed, 130 interrupted, 143 ter
 import errno
 import inspect
 import os
+import re
 import signal
 import sys
 import warnings
@@ -40,6 +41,14 @@ from palpate.cli.setup import emulate, find_port, init, reboot, scan, schema, se
 from palpate.cli.terminal import print_notices, with_rig_given
 from palpate.cli.view import view, watch
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
+
+_LIBRARY_WORDS = {
+    r"Value error, ": "",
+    r"Input should be a valid integer\b.*": "it must be a whole number",
+    r"Input should be a valid number\b.*": "it must be a number",
+    r"Input should be ": "it must be ",
+}
+"""Words of typer about an option's value, as patterns, and what stands for it in messages."""
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -184,7 +193,7 @@ def _run() -> int:
     except typer.Exit as end:
         return _flush(int(end.exit_code))
     except TyperException as error:
-        problem = error.format_message()  # empty where no command was given, and the help has been shown
+        problem = _in_own_words(error.format_message())  # empty where the help has been shown for no command
         return _say(f"error: {problem}", ExitCode.INPUT) if problem else _flush(ExitCode.INPUT)
     except (Interrupted, PalpateError, MemoryError) as error:
         return _report(error)
@@ -194,6 +203,13 @@ def _run() -> int:
         if not isinstance(end.__context__, BrokenPipeError):
             raise
         return _report_broken_output(end.__context__)
+
+
+def _in_own_words(problem: str) -> str:
+    """A problem with an option, without the words of the library that found it."""
+    for pattern, words in _LIBRARY_WORDS.items():
+        problem = re.sub(pattern, words, problem)
+    return problem
 
 
 def _notice(message: Warning | str, *_: object, **__: object) -> None:
