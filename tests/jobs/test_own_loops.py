@@ -191,7 +191,10 @@ def test_a_changed_rig_is_checked_as_a_file_is(bench: tuple[Path, Path], tmp_pat
     ):
         with pytest.raises(palpate.InputError, match=place) as refused:
             rig.with_(**tables)  # type: ignore[arg-type]
-        assert str(bench[0]) in str(refused.value)
+        assert str(refused.value).startswith(f"change of {bench[0]}: ")
+    with pytest.raises(palpate.InputError) as refused:
+        palpate.open_rig().with_(closing={"search_speed_mm_s": -1})
+    assert "bench.toml" not in str(refused.value)
     brief = changed.with_(search={"max_grips": 1})
     session = brief.identify(bench[1], sessions=tmp_path, strategy="planned").session
     kept, _, _ = load_kept_inputs(Path(session or ""), scene=False, calibration=False)

@@ -174,7 +174,8 @@ class RigOnBench:
         Raises InputError if such a file would be wrong, or the calibration is not of that rig.
         """
         name = os.fspath(self.path) if isinstance(self.path, Path) else self.path.name
-        rig = described = change_tables(self.described, tables, name)
+        shown = "the shipped rig" if self.path == shipped_rig() else name
+        rig = described = change_tables(self.described, tables, f"change of {shown}")
         if self.calibration is not None:
             check_calibration(self.calibration, described, str(self.calibration_path), name)
             rig = apply_calibration(described, self.calibration)
