@@ -62,8 +62,9 @@ def view(
 
     stop = None if lifetime is None else _stop_callback(lifetime, load_rig(folder / "rig.toml"))
     shown = LiveView(feed.store, feed.setting, update, stop)
+    end = "Ctrl-C ends" if run is None else "ends with the run"
     try:
-        serve(shown, port, lambda address: typer.echo(f"{address} shows {folder}; Ctrl-C ends", err=True))
+        serve(shown, port, lambda address: typer.echo(f"{address} shows {folder}; {end}", err=True))
     except OSError as error:
         raise InputError(
             f"port {port} cannot be served: {os.strerror(error.errno or 0)}; choose another with --port"
@@ -77,7 +78,7 @@ def _publish(folder: Path, where: int | str) -> None:
     from palpate.views.live.publishing import foxglove_publisher, publish, rosbridge_publisher
 
     def ready(address: str) -> None:
-        typer.echo(f"{address} has {folder}; Ctrl-C ends", err=True)
+        typer.echo(f"{address} has {folder}; ends with the run", err=True)
 
     make = foxglove_publisher(where, ready) if isinstance(where, int) else rosbridge_publisher(where, ready)
     publish(SessionTail(folder), make)

@@ -12,7 +12,7 @@ from typing import Self
 
 from palpate.base.errors import InputError, warn_operator
 from palpate.base.vocabulary import Strategy
-from palpate.config import RigFile, RigOnBench, load_calibrated
+from palpate.config import ObjectsFile, RigFile, RigOnBench, load_calibrated
 from palpate.config.calibration_file import ReferencesFile
 from palpate.drivers.emulators import LOOPBACK, DeviceServer, serve_pty, serve_tcp
 from palpate.drivers.transport import Clock, MonotonicClock
@@ -204,7 +204,7 @@ class Rig:
         tolerance_mm: float = 2.0,
         max_seconds: float = 900.0,
         state: str = "learned",
-        objects: ObjectsFile | PathLike | None = None,
+        objects: ObjectsLike | None = None,
         contacts: recognition.Contacts = (),
         scene: SceneLike | None = None,
         unconfirmed: bool = False,

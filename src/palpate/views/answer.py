@@ -149,7 +149,8 @@ def _unfinished_words(unfinished: UnfinishedOut) -> str:
         )
     parts += ["cells are coarse"] if unfinished.coarse else []
     return (
-        f"search.budget of {unfinished.budget} units spent: {', '.join(parts)}; the bounds hold all the same"
+        f"search.budget of {unfinished.budget} units spent: {', '.join(parts)}; "
+        "the answer and its bounds hold, a larger budget may narrow them"
     )
 
 
