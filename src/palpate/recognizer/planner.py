@@ -132,7 +132,7 @@ def predict_approach(
     recognition: Recognition, reachable: Reachable, index: int, most_mm: float = math.inf
 ) -> PredictedApproach:
     """Prediction for approach `index`, and how far it has to go, `most_mm` at most."""
-    approaches = [reachable.approaches[index].up_to(most_mm)]
+    approaches = [reachable.approaches[index].up_to(max(most_mm, 0.0))]
     found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
     return PredictedApproach(index, found, float(found.sufficient_travel_mm(approaches)[0]))
 
