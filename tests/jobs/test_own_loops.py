@@ -272,7 +272,7 @@ def test_own_planner(bench: tuple[Path, Path], tmp_path: Path) -> None:
 
 def test_own_order(bench: tuple[Path, Path], tmp_path: Path) -> None:
     lines = script(EXAMPLES / "own_order.py", *bench, cwd=tmp_path).splitlines()
-    assert [re.search(r"name='(f\d)'", line)[1] for line in lines] == ["f1", "f2", "f3"] * 3  # type: ignore[index]
+    assert [re.search(r"<Contact (f\d)", line)[1] for line in lines] == ["f1", "f2", "f3"] * 3  # type: ignore[index]
 
 
 def test_a_sweep(bench: tuple[Path, Path], brief: Path, tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotation_matrix, wrap_angle
@@ -256,6 +255,7 @@ class _Problem:
 
 def _least_squares(both: Callable[[Floats], tuple[Floats, Floats]], x: Floats, **options: Any) -> Any:
     """Least squares from `x` on of residuals, which `both` gives together with their derivatives."""
+    from scipy.optimize import least_squares  # noqa: PLC0415  (slow to import)
 
     @lru_cache(maxsize=1)
     def at(point: bytes) -> tuple[Floats, Floats]:

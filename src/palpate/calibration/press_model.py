@@ -24,7 +24,6 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
@@ -181,6 +180,8 @@ def fit_presses(
     `rows_used` (cols,): how many rows that are, 0 for a column that is not looked at. Sigmas are those of the
     levels' stated errors, or as much larger as the residuals are.
     """
+    from scipy.optimize import least_squares  # noqa: PLC0415  (slow to import)
+
     model = _Model(presses, levels, column_counts, rows_used, noise_counts, description, spec)
     x = least_squares(model.residuals, model.start(), model.jacobian, method="lm").x
     model = model.decorrelated(x)

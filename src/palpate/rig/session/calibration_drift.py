@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
@@ -172,6 +171,8 @@ def _agreement(
     rig: RigFile,
     uncertainties: Sequence[ContactUncertainty],
 ) -> DriftTest | None:
+    from scipy.optimize import least_squares  # noqa: PLC0415  (slow to import)
+
     centre = np.array([touch.contact.end_mm for touch in touches])
     radius = np.array([touch.contact.finger.tip_radius_mm for touch in touches])
     at = found.configuration
