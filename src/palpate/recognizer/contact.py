@@ -186,8 +186,9 @@ class Contact(ShortRepr):
         yield f"{self.name} {where} mm"
         yield f"from {show_point(self.start_mm)} mm"
         if self.normal is not None:
-            lo, hi = math.degrees(self.normal.lo_rad), math.degrees(self.normal.hi_rad)
-            yield f"normals {lo:.1f}° to {hi:.1f}°"
+            lo = math.remainder(self.normal.lo_rad, 2 * math.pi)
+            hi = lo + self.normal.hi_rad - self.normal.lo_rad
+            yield f"normals {math.degrees(lo):.1f}° to {math.degrees(hi):.1f}°"
 
     @property
     def free_path_bound_mm(self) -> float:
