@@ -128,9 +128,15 @@ class EdgeSet:
 
         There neighbours overlap: pairing a contact with edges says little, and multiplies interpretations.
         """
+        result: Bools = self.mean_turn_rad > _ROUGH_RAD
+        return result
+
+    @cached_property
+    def mean_turn_rad(self) -> Floats:
+        """Mean half-turn of the normal (S,) along the edges of each state."""
         states = len(self.count)
         turned = np.bincount(self.state, self.length * self.span, states)
-        result: Bools = turned > _ROUGH_RAD * np.bincount(self.state, self.length, states)
+        result: Floats = turned / np.maximum(np.bincount(self.state, self.length, states), 1e-300)
         return result
 
     @cached_property

@@ -24,6 +24,7 @@ from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.prediction import Predictions, predict
 from palpate.recognizer.recognition import Recognition
 from palpate.recognizer.touch_model import (
+    Blur,
     Goals,
     PushLimits,
     Resolution,
@@ -312,6 +313,8 @@ class _GripSearch:
         self.outcome = touch_outcomes(
             recognition.catalogue, poses, recognition.anchor_mm, reachable.approaches
         )
+        fingers = {item.finger for item in reachable.approaches}
+        self.blur = Blur.of(recognition.catalogue, poses, fingers)
         self.most_mm: Floats = np.full(len(reachable.approaches), math.inf)
         self.least_gain, self.most_left = _LEAST_FURTHER_GAIN, _MAX_CONFUSION_LEFT
         if limits is not None and limits.slide_shares(recognition.hypotheses.state).any():
@@ -360,7 +363,9 @@ class _GripSearch:
         sides = meets_other_side(self.outcome.normal[:, 0], rows, taken)
         if wanted and sides.any():
             rows = rows[sides]
-        alike = similarity(self.outcome, self.pairs.first, self.pairs.second, self.resolution, rows)
+        first, second = self.pairs.first, self.pairs.second
+        blur = self.blur.of_pairs(first, second)
+        alike = similarity(self.outcome, first, second, self.resolution, rows, blur)
         scores = alike @ self.confused
         least = float(scores.min())
         worth = (0.0 if wanted else self.least_gain) if self.chosen else _LEAST_FIRST_GAIN

@@ -5,7 +5,7 @@ for the facets of arcs; plans are compared by them. Guaranteed enclosures over w
 `prediction`. An approach is hazardous where it may move the part: slide it, or worse, tip or roll it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,6 +16,7 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.approach import Approach, Rays, in_object_frame, near_edges, offset_from_rays
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.hypotheses import Bounds, Hypotheses
 from palpate.recognizer.pad_face import strip_extents
@@ -94,27 +95,57 @@ def touch_outcomes(
     return TouchOutcomes(hit, np.where(hit, travel, 0.0), normal, np.abs(np.cos(normal - direction)), margin)
 
 
+@dataclass(frozen=True, eq=False)
+class Blur:
+    """Blur of outcomes at p poses by the tolerances of their states: stops (p,) mm, normals (p,) rad."""
+
+    distance_mm: Floats
+    normal_rad: Floats
+
+    @classmethod
+    def of(cls, catalogue: Catalogue, poses: Cells, fingers: Iterable[Finger]) -> "Blur":
+        """Blur for touches of these fingers."""
+        tolerance = np.array([item.tolerance_mm for item in catalogue.states])
+        normals = np.max([catalogue.edges(item.face_point).mean_turn_rad for item in fingers], axis=0)
+        return cls(tolerance[poses.state], normals[poses.state])
+
+    def of_pairs(self, first: Ints, second: Ints) -> "Blur":
+        """Blur (n,) of the differences of pairs of poses."""
+        return Blur(
+            self.distance_mm[first] + self.distance_mm[second],
+            self.normal_rad[first] + self.normal_rad[second],
+        )
+
+
 def similarity(
-    outcome: TouchOutcomes, first: Ints, second: Ints, resolution: Resolution, rows: Ints
+    outcome: TouchOutcomes,
+    first: Ints,
+    second: Ints,
+    resolution: Resolution,
+    rows: Ints,
+    blur: Blur | None = None,
 ) -> Floats:
     """Similarity (c, n) of the outcomes of approaches `rows` (c,) at poses `first` and `second` (n,).
 
     1 if nothing differs, 1/e where the rig can just distinguish them. Two hits differ by where they stop, as
     seen along the surface's normal, or by their normals. A hit and a miss differ by how far the object would
     have to move sideways to turn one into the other: a graze is no sure sign of anything, and both its
-    outcomes carry an error.
+    outcomes carry an error. `blur` (n,): of the pairs, beside the resolution.
     """
+    distance, half_range = np.array(resolution.distance_mm), np.array(resolution.normal_half_rad)
+    if blur is not None:
+        distance, half_range = distance + blur.distance_mm, half_range + blur.normal_rad
     one, two = outcome.select(rows, first), outcome.select(rows, second)
-    along = np.minimum(one.facing, two.facing) * np.abs(one.travel - two.travel) / resolution.distance_mm
+    along = np.minimum(one.facing, two.facing) * np.abs(one.travel - two.travel) / distance
     # Normals are off by a chord: nearly the angle where that is small, and it grows with it.
     half = outcome.normal[rows] / 2
     sin, cos = np.sin(half), np.cos(half)
     chord = sin.take(first, axis=1) * cos.take(second, axis=1)
     chord -= cos.take(first, axis=1) * sin.take(second, axis=1)
     # From a quarter turn on any two normals may be one.
-    within = np.sin(resolution.normal_half_rad) if resolution.normal_half_rad < np.pi / 2 else np.inf
+    within = np.where(half_range < np.pi / 2, np.sin(np.minimum(half_range, np.pi / 2)), np.inf)
     turned = np.abs(chord) / within
-    aside = np.abs(one.margin - two.margin) / (2 * resolution.distance_mm)
+    aside = np.abs(one.margin - two.margin) / (2 * distance)
     off = np.where(one.hit & two.hit, np.maximum(along, turned), 0.0)
     off = np.where(one.hit != two.hit, aside, off)
     result: Floats = np.exp(-(off**2))

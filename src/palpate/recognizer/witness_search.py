@@ -48,7 +48,8 @@ def connected_regions(constraints: Constraints, intervals: Intervals) -> Regions
         done.append(regions)
         if not len(again):
             break
-        found = _clipped(constraints, cut_finer(constraints, again, at_first=nth == 0))
+        anew = nth == 0 and not constraints.is_paved  # cells of a paving are narrower than what would be cut
+        found = _clipped(constraints, cut_finer(constraints, again, at_first=anew))
     return Regions.join(done)
 
 
