@@ -99,18 +99,14 @@ def learn(
     rng = np.random.default_rng([1, seed])
     placed, begin = place(truth, rng, 10.0), time.process_time()
     search, execute = LearningSearch(rig, reach, HEIGHT_MM, tolerance), hands(placed.shape, rng)
-    known = {_line(item): row for row, item in enumerate(reach.approaches)}
     seconds, grips, touches, falling = 0.0, 0, 0, list[tuple[int, float]]()
     while seconds < most_s and not search.is_done and (grip := search.next()):
         contacts = [item.contact for item in execute(grip, None)]
-        travels = np.zeros(len(reach.approaches))
-        rows = [known[_line(item)] for item in grip]
-        travels[rows] = [item.travel_mm for item in contacts]
-        seconds += float(reach.seconds(travels)[rows].max())
+        seconds += reach.grip_seconds(grip, [item.travel_mm for item in contacts])
         grips, touches = grips + 1, touches + sum(item.touched for item in contacts)
         search.take(contacts)
         falling.append((touches, search.tolerance_mm))
-    felt, true = search.felt[0], felt_shape(placed.shape)
+    (felt,), true = search.felt.values(), felt_shape(placed.shape)
     is_between = (
         felt.inner.difference(true.buffer(1e-3)).is_empty
         and placed.shape.difference(felt.outer.buffer(1e-3)).is_empty
@@ -121,7 +117,7 @@ def learn(
     result = Learned(truth, model, grips, touches, seconds, spent, is_between, falling=tuple(falling))
     if model is None:
         return result
-    nominal = search.outlines[0]
+    (nominal,) = search.outlines.values()
     shape = shapely.Polygon(nominal.points_mm)
     away = shapely.hausdorff_distance(shape.exterior, true.exterior, densify=0.002)
     is_within = true.exterior.difference(shape.exterior.buffer(nominal.tolerance_mm, QUARTER)).is_empty
@@ -143,17 +139,14 @@ def _gaussian_mm(search: LearningSearch, true: shapely.Polygon) -> float:
         return math.nan
     from gaussian_outline import gaussian_outline  # noqa: PLC0415  (an environment of its own has it)
 
-    arcs = search.felt[0].touched
+    (felt,) = search.felt.values()
+    arcs = felt.touched
     across = (arcs.last_mm - arcs.first_mm) @ np.array([[0.0, -1.0], [1.0, 0.0]])
     normals = across / np.linalg.norm(across, axis=1, keepdims=True)
     found = gaussian_outline(arcs.middles_mm, -normals)
     if found is None:
         return math.nan
     return float(shapely.hausdorff_distance(found.exterior, true.exterior, densify=0.002))
-
-
-def _line(item: FingerApproach) -> tuple[object, ...]:
-    return item.finger_index, item.stage_rad, item.start_mm, item.direction_rad
 
 
 def main() -> None:

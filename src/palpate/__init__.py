@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from palpate.jobs.files import load_scene as load_scene
     from palpate.jobs.files import save as save
     from palpate.jobs.learning import LearnedObject as LearnedObject
+    from palpate.jobs.learning_study import study_learning as study_learning
     from palpate.jobs.ready_rig import ReadyRig as ReadyRig
     from palpate.jobs.recognition import Answer as Answer
     from palpate.jobs.recognition import Plan as Plan
@@ -63,6 +64,7 @@ _HOMES = {
     "jobs.bus": ("scan", "stop"),
     "jobs.catalogue": ("check_objects", "import_objects", "list_objects"),
     "jobs.learning": ("LearnedObject",),
+    "jobs.learning_study": ("study_learning",),
     "jobs.ready_rig": ("ReadyRig",),
     "jobs.files": (
         "load_calibration",

@@ -1,4 +1,6 @@
-"""Command `palpate objects learn`: an object model of a part that nobody has drawn."""
+"""Commands of learning: `objects learn` makes a model of a part that nobody has drawn, `study-learning` says
+what that costs.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,27 +10,31 @@ import typer
 from palpate.cli.terminal import (
     JsonOption,
     NoCalibrationOption,
+    ObjectsOption,
     RigOption,
     SceneOption,
     SeedOption,
     note_on_interruption,
 )
 
+_HeightOption = Annotated[
+    float, typer.Option("--height", metavar="MM", help="How high the part is.", show_default=False)
+]
+_ToleranceOption = Annotated[
+    float, typer.Option("--tolerance", metavar="MM", help="Tolerance of the model that is asked for.")
+]
+_MaxSecondsOption = Annotated[
+    float, typer.Option("--max-seconds", metavar="S", help="After so much time the model is as it is.")
+]
+
 
 @note_on_interruption("nothing was written")
 def learn(
     name: Annotated[str, typer.Argument(metavar="NAME", help="What to call it.", show_default=False)],
-    height: Annotated[
-        float, typer.Option("--height", metavar="MM", help="How high the part is.", show_default=False)
-    ],
+    height: _HeightOption,
     rig: RigOption = None,
-    tolerance: Annotated[
-        float, typer.Option("--tolerance", metavar="MM", help="Tolerance of the model that is asked for.")
-    ] = 2.0,
-    max_seconds: Annotated[
-        float,
-        typer.Option("--max-seconds", metavar="S", help="After so much time the model is written as it is."),
-    ] = 900.0,
+    tolerance: _ToleranceOption = 2.0,
+    max_seconds: _MaxSecondsOption = 900.0,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -102,3 +108,50 @@ def learn(
         written = f"; written to {place}"
     typer.echo(learned.to_json() if json else f"{name}: {learned.text}{written}")
     return 0 if learned.goal_met else 1
+
+
+@note_on_interruption("runs that were done are lost")
+def study_learning(
+    height: _HeightOption,
+    rig: RigOption = None,
+    objects: ObjectsOption = None,
+    runs: Annotated[int, typer.Option("--runs", min=1, help="Parts that are learned.")] = 10,
+    tolerance: _ToleranceOption = 2.0,
+    max_seconds: _MaxSecondsOption = 900.0,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, help="Draws parts, places and errors of touches.")
+    ] = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", min=1, help="Processes at once; as many as there are cores if left out."),
+    ] = None,
+    json: JsonOption = False,
+) -> int:
+    """Say how many touches, and how much of a rig's time, it takes to learn parts, by their tolerance.
+
+    Parts of a catalogue are learned as if nobody had drawn them; touches are simulated within the rig's
+    bounds. Exit code 1: a truth was outside its bounds.
+    """
+    from palpate.cli.terminal import StatusLine, Terminal
+    from palpate.config.fields import to_json
+    from palpate.jobs.files import load_objects, name_of
+    from palpate.jobs.learning_study import study_learning as studied
+    from palpate.jobs.rig import open_rig
+    from palpate.views.report.study_text import learning_study_lines
+
+    bench, models = open_rig(rig).file, load_objects(objects)
+    with StatusLine(Terminal(stderr=True, soft_wrap=True), "preparing", written_every_s=60.0) as doing:
+        out = studied(
+            bench,
+            models,
+            height_mm=height,
+            tolerance_mm=tolerance,
+            max_seconds=max_seconds,
+            runs=runs,
+            seed=seed,
+            workers=workers,
+            name=name_of(objects),
+            progress=doing.now,
+        )
+    typer.echo(to_json(out) if json else "\n".join(learning_study_lines(out)))
+    return 1 if out.outside else 0

@@ -26,7 +26,7 @@ from palpate.base.errors import DeviceError, OutputError, PalpateError, RigWarni
 from palpate.cli.calibrate import calibrate, home
 from palpate.cli.check import check, doctor
 from palpate.cli.identify import identify, plan, recognize, study
-from palpate.cli.learn import learn
+from palpate.cli.learn import learn, study_learning
 from palpate.cli.objects import (
     check_objects,
     import_objects,
@@ -136,6 +136,7 @@ app.command(rich_help_panel=_SETTING_UP)(reboot)
 app.command(rich_help_panel=_SETTING_UP)(stop)
 objects.command("import")(import_objects)
 objects.command("learn")(learn)
+objects.command("study-learning")(study_learning)
 objects.command("list")(list_objects)
 objects.command("show")(show_objects)
 objects.command("check")(check_objects)

@@ -29,6 +29,7 @@ from palpate.config.emulation import Scene
 from palpate.config.fields import Out
 from palpate.config.import_settings import ImportSettings
 from palpate.config.learning_result import LearningOut
+from palpate.config.learning_study_result import LearningStudyOut
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.config.recognition_results import GripOut, IdentificationOut, RecognitionOut
 from palpate.config.rig_file import RigFile
@@ -48,6 +49,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "import": ImportOut,
     "import-settings": ImportSettings,
     "learning": LearningOut,
+    "learning-study": LearningStudyOut,
     "objects": ObjectsFileText,
     "objects-check": ObjectsCheckOut,
     "objects-inventory": InventoryOut,

@@ -144,18 +144,29 @@ def begin_learning(rig: RigFile, request: LearningRequest) -> LearningSearch:
 
     Raises InputError for a rig on which nothing can be learned, or limits that mean nothing.
     """
-    for name, value in (
-        ("height_mm", request.height_mm),
-        ("tolerance_mm", request.tolerance_mm),
-        ("max_seconds", request.max_seconds),
-    ):
-        if not 0 < value < math.inf:
-            raise InputError(f"{name} is {value:g}; it must be more than 0")
+    check_learning(rig, request.height_mm, request.tolerance_mm, request.max_seconds)
     before = [item for item in request.objects.objects if item.name == request.name]
     if any(state.name == request.state for item in before for state in item.states):
         raise InputError(
             f'object {request.name} has a state "{request.state}" already; name the way it lies now otherwise'
         )
+    search = LearningSearch(rig, learning_reach(rig), request.height_mm, request.tolerance_mm)
+    search.take([contact for grip in request.contacts for contact in grip])
+    return search
+
+
+def check_learning(rig: RigFile, height_mm: float, tolerance_mm: float, max_seconds: float) -> None:
+    """Raise InputError for a rig on which nothing can be learned, or limits that mean nothing.
+
+    `LearningSearch` refuses fingers whose touches bound no outline.
+    """
+    for name, value in (
+        ("height_mm", height_mm),
+        ("tolerance_mm", tolerance_mm),
+        ("max_seconds", max_seconds),
+    ):
+        if not 0 < value < math.inf:
+            raise InputError(f"{name} is {value:g}; it must be more than 0")
     rig.require_arrays()
     emulated = None if rig.emulation is None else rig.emulation.part
     if rig.search.part_holds_n is not None or (emulated is not None and emulated.engine != "still"):
@@ -163,9 +174,6 @@ def begin_learning(rig: RigFile, request: LearningRequest) -> LearningSearch:
             f'parts on rig "{rig.name}" may slide (search.part_holds_n, emulation.part): an outline is '
             "learned of a part that is held, with a rig file that declares neither"
         )
-    search = LearningSearch(rig, learning_reach(rig), request.height_mm, request.tolerance_mm)
-    search.take([contact for grip in request.contacts for contact in grip])
-    return search
 
 
 def learn(
@@ -217,7 +225,7 @@ def _outcome(
         seconds,
         None,
         search.holds_together,
-        tuple(search.felt),
+        tuple(search.felt.values()),
         search.open_places_mm,
         request.objects,
     )

@@ -1,6 +1,6 @@
 """Learning search: grips round an unknown part until its outline is known as finely as asked for."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -75,14 +75,19 @@ class LearningSearch:
         _check_fingers(list(self._kinds))
 
     @property
-    def felt(self) -> Sequence[FeltOutline]:
-        """Bounds of the outlines that were touched."""
-        return [kind.felt for kind in self._kinds.values() if kind.felt is not None]
+    def fingers(self) -> Sequence[Finger]:
+        """Fingers that touch the part, one of each tip and height."""
+        return list(self._kinds)
 
     @property
-    def outlines(self) -> Sequence[NominalOutline]:
-        """Outlines between the bounds, of heights at which these are closed."""
-        return [kind.nominal for kind in self._kinds.values() if kind.nominal is not None]
+    def felt(self) -> Mapping[Finger, FeltOutline]:
+        """Bounds of the outlines that were touched, by the fingers that did."""
+        return {finger: kind.felt for finger, kind in self._kinds.items() if kind.felt is not None}
+
+    @property
+    def outlines(self) -> Mapping[Finger, NominalOutline]:
+        """Outlines between the bounds, by the fingers at whose heights these are closed."""
+        return {finger: kind.nominal for finger, kind in self._kinds.items() if kind.nominal is not None}
 
     @property
     def open_places_mm(self) -> tuple[tuple[float, float], ...]:
@@ -96,7 +101,7 @@ class LearningSearch:
     @property
     def holds_together(self) -> bool:
         """False if touches contradict one another: the part moved."""
-        return all(felt.holds_together for felt in self.felt)
+        return all(felt.holds_together for felt in self.felt.values())
 
     @property
     def tolerance_mm(self) -> float:
@@ -137,12 +142,11 @@ class LearningSearch:
 
     def model(self, name: str, state: str) -> ObjectModel | None:
         """The object of this name in a state as it is known so far; None while some outline is not closed."""
-        known = {kind.finger: kind.nominal for kind in self._kinds.values()}
-        outlines = {finger.span_mm: item for finger, item in known.items() if item is not None}
-        if len(outlines) < len(known):
+        outlines = {finger.span_mm: item for finger, item in self.outlines.items()}
+        if len(outlines) < len(self._kinds):
             return None
         return learned_model(
-            (name, state), outlines, self._height_mm, max(finger.tip_radius_mm for finger in known)
+            (name, state), outlines, self._height_mm, max(finger.tip_radius_mm for finger in self._kinds)
         )
 
 

@@ -362,9 +362,23 @@ class Reach:
         result: Floats = self.aiming_s + there + back + again + _OVERHEAD_S
         return result
 
+    def grip_seconds(self, grip: Sequence[FingerApproach], travels_mm: Sequence[float]) -> float:
+        """Rough time of a grip of some of the approaches, or their first parts, after so much travel each."""
+        rows, travels = [self._rows[_line_of(item)] for item in grip], np.zeros(len(self.approaches))
+        travels[rows] = travels_mm
+        return float(self.seconds(travels)[rows].max())
+
+    @cached_property
+    def _rows(self) -> Mapping[tuple[float, ...], int]:
+        return {_line_of(item): row for row, item in enumerate(self.approaches)}
+
     @cached_property
     def _travels(self) -> Floats:
         return np.array([item.travel_mm for item in self.approaches])
+
+
+def _line_of(approach: FingerApproach) -> tuple[float, ...]:
+    return approach.finger_index, approach.stage_rad, *approach.start_mm, approach.direction_rad
 
 
 def reach_of(rig: RigFile, *, aims: int = 41, most_paths: int = 1500) -> Reach:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import ErrorSource, IdentificationVerdict, PartMotion
+from palpate.config.learning_study_result import LearningRunOut, LearningStudyOut, ToleranceCostOut
 from palpate.config.study_result import (
     AccuracyOut,
     BestHeightsOut,
@@ -323,3 +324,41 @@ def _pair_words(pair: PairStudiedOut) -> str:
         f"{pair.object}, {pair.state} ~ {pair.other_object}, {pair.other_state}: still possible after "
         f"{pair.touches:.1f} touches in {quantity(pair.runs, 'run', 'runs')}{end}"
     )
+
+
+def learning_study_lines(out: LearningStudyOut) -> list[str]:
+    """Cost of each tolerance, states that were not learned as finely as asked for, and false bounds."""
+    runs = quantity(len(out.runs), "run", "runs")
+    return [
+        f"{runs}, rig {out.rig}, parts {out.height:g} mm high, {out.max_seconds:g} s for each at most:",
+        "  tolerance   reached by      touches     rig time",
+        *(_cost_line(item, len(out.runs)) for item in out.costs),
+        *_coarse_lines(out.runs),
+        f"{out.outside} truths outside bounds in {runs}"
+        if out.outside
+        else f"no truth outside its bounds in {runs}",
+        f"parts lie within {out.placed_within:g} mm of the middle of the workspace",
+    ]
+
+
+def _cost_line(item: ToleranceCostOut, runs: int) -> str:
+    share = f"{item.runs} of {runs}"
+    touches = "-" if item.touches is None else f"{item.touches:g}"
+    seconds = "-" if item.rig_seconds is None else f"{item.rig_seconds:.0f} s"
+    return f"  {item.tolerance:6g} mm   {share:>10}   {touches:>10}   {seconds:>10}"
+
+
+def _coarse_lines(runs: Sequence[LearningRunOut]) -> list[str]:
+    """Lines on the states that missed the goal, the most frequent first."""
+    missed: dict[tuple[str, str], list[LearningRunOut]] = defaultdict(list)
+    for run in runs:
+        if not run.goal_met:
+            missed[run.object, run.state].append(run)
+    if not missed:
+        return []
+    lines = ["not as fine as asked for"]
+    for (name, state), some in sorted(missed.items(), key=lambda item: -len(item[1]))[:_MAX_ROWS]:
+        known = [run.tolerance for run in some if run.tolerance is not None]
+        best = f"at best {at_most(min(known))} mm" if known else "never closed"
+        lines.append(f"  {name}, {state}: {quantity(len(some), 'run', 'runs')}, {best}")
+    return lines
