@@ -37,7 +37,8 @@ from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import draw_placements, scene_of
 from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, TakenGrip
-from palpate.rig.identification.identify import begin_search
+from palpate.rig.identification.events import Observers
+from palpate.rig.identification.identify import begin_search, run_search
 from palpate.rig.identification.part_count import PartCount
 from palpate.rig.identification.several_parts import SeveralSearch
 from palpate.rig.motion.touch import Touch
@@ -254,13 +255,7 @@ def _simulate(rig: Path, catalogue: ObjectsFile, lying: Sequence[Placement], see
     single = begin_search(file, reach_of(file), Catalogue(catalogue.objects))
     search = SeveralSearch(single, PartCount(len(lying)))
     touches = SimulatedTouches(lying, resolution_of(file), np.random.default_rng([seed, 8]))
-    verdict, limit = None, None
-    while verdict is None and limit is None:
-        verdict, grip = search.next()
-        if verdict is None:
-            search.take(grip, tuple(touches(grip)))
-            limit = search.limit(0.0)
-    result = search.conclude(verdict, limit)
+    result = run_search(search, touches, Observers())
     assert result.table is not None
     verdicts, left = [], list(lying)
     for part, agreed in zip(result.table.parts, result.table.agreed, strict=True):

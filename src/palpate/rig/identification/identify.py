@@ -46,7 +46,7 @@ def identify(
     else:
         single = begin_search(hand.rig, reach, catalogue, None, strategy, seed)
         search = SeveralSearch(single, parts, observers)
-    return _run(search, partial(carry_out_grip, hand), observers, hand.clock.now)
+    return run_search(search, partial(carry_out_grip, hand), observers, hand.clock.now)
 
 
 def search(
@@ -61,7 +61,7 @@ def search(
 ) -> Identification:
     """Identify as `identify` does, with a function that carries out grips, whatever time they take."""
     observers = observers or Observers()
-    return _run(begin_search(rig, reach, catalogue, observers, strategy, seed), execute, observers)
+    return run_search(begin_search(rig, reach, catalogue, observers, strategy, seed), execute, observers)
 
 
 def begin_search(
@@ -102,10 +102,10 @@ def search_with(
     `now`: the rig's clock (s), by which `max_seconds` counts.
     """
     observers = observers or Observers()
-    return _run(Search(chooser, catalogue, pushes.bounds, observers), execute, observers, now)
+    return run_search(Search(chooser, catalogue, pushes.bounds, observers), execute, observers, now)
 
 
-def _run(
+def run_search(
     search: Search | SeveralSearch,
     execute: GripExecutor,
     observers: Observers,
