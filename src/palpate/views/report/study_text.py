@@ -334,7 +334,7 @@ def learning_study_lines(out: LearningStudyOut) -> list[str]:
         "  tolerance   reached by      touches     rig time",
         *(_cost_line(item, len(out.runs)) for item in out.costs),
         *_coarse_lines(out.runs),
-        f"{out.outside} truths outside bounds in {runs}"
+        f"{quantity(out.outside, 'truth', 'truths')} outside bounds in {runs}"
         if out.outside
         else f"no truth outside its bounds in {runs}",
         f"parts lie within {out.placed_within:g} mm of the middle of the workspace",
