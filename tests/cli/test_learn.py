@@ -100,7 +100,7 @@ def test_a_further_state_has_the_bounds_that_hold_for_both() -> None:
 
     flat, turned = learned("flat", 1.5, 5.0), learned("turned over", 2.5, 4.0)
     before = ObjectsFile((*palpate.load_objects().objects, flat))
-    found = LearnedObject("part", turned, 3.0, (), 0.0, None, True, (), (), before).objects
+    found = LearnedObject("part", "turned over", turned, 3.0, (), 0.0, None, True, (), (), before).objects
     assert len(found.objects) == len(before.objects)
     both = found.objects[-1]
     assert [item.name for item in both.states] == ["flat", "turned over"]

@@ -15,6 +15,14 @@ SESSIONS_FOLDER = "palpate-sessions"
 """In which commands keep the sessions of runs, where they are started."""
 
 
+class SessionKind(StrEnum):
+    """What a session was recorded for, as its log's `command` says."""
+
+    IDENTIFY = "identify"
+    CONNECT = "connect"
+    LEARN = "learn"
+
+
 class RecognitionVerdict(StrEnum):
     """Number of hypotheses that explain the contacts (docs/recogniser.md, "Hypotheses")."""
 

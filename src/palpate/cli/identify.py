@@ -27,13 +27,12 @@ from palpate.cli.terminal import (
     RosOption,
     SceneOption,
     SeedOption,
+    SessionsOption,
     StrategyOption,
     ViewOption,
     ViewPortOption,
     note_on_interruption,
 )
-
-_SESSIONS = Path(SESSIONS_FOLDER)
 
 
 def identify(
@@ -47,7 +46,7 @@ def identify(
     parts: Annotated[
         str, typer.Option("--parts", metavar="N|up-to-N", help="How many parts lie on the table.")
     ] = "1",
-    sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = _SESSIONS,
+    sessions: SessionsOption = Path(SESSIONS_FOLDER),
     no_calibration: NoCalibrationOption = False,
     unconfirmed: Annotated[
         bool, typer.Option("--unconfirmed", help="On a real rig whose wiring was never proven, too.")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.vocabulary import SESSIONS_FOLDER
 from palpate.cli.terminal import (
     JsonOption,
     NoCalibrationOption,
@@ -14,6 +15,7 @@ from palpate.cli.terminal import (
     RigOption,
     SceneOption,
     SeedOption,
+    SessionsOption,
     note_on_interruption,
 )
 
@@ -62,6 +64,7 @@ def learn(
     ] = None,
     scene: SceneOption = None,
     seed: SeedOption = 0,
+    sessions: SessionsOption = Path(SESSIONS_FOLDER),
     no_calibration: NoCalibrationOption = False,
     unconfirmed: Annotated[
         bool, typer.Option("--unconfirmed", help="On a real rig whose wiring was never proven, too.")
@@ -98,6 +101,7 @@ def learn(
             contacts=contacts or (),
             scene=scene,
             unconfirmed=unconfirmed,
+            sessions=sessions,
             progress=doing.now,
         )
     if picture is not None:
@@ -106,6 +110,8 @@ def learn(
     if learned.model is not None:
         write_text(place, file_text(learned.objects))
         written = f"; written to {place}"
+    if learned.session is not None:
+        written += f"; session {learned.session}"
     typer.echo(learned.to_json() if json else f"{name}: {learned.text}{written}")
     return 0 if learned.goal_met else 1
 

@@ -45,6 +45,7 @@ SceneOption = Annotated[
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Draws the scene and the emulated devices' errors.")
 ]
+SessionsOption = Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")]
 ContactsOption = Annotated[Path, typer.Option("--contacts", help="Contacts so far (JSON).")]
 StrategyOption = Annotated[
     Strategy,

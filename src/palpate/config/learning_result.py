@@ -11,10 +11,12 @@ class LearningOut(Out):
 
     `fits_together`: false if touches contradict one another. `limit`: the limit that ended it. `verdict`: of
     the recognition among objects that were known, null if there was none; `objects`: which it may be.
+    `state`: the way that it lies.
     """
 
     format: Literal["palpate/learning@1"]
     name: str
+    state: str
     tolerance: Rounded | None
     goal: Rounded
     goal_met: bool

@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from palpate.base.errors import InputError, quantity
+from palpate.base.file_io import write_text
 from palpate.base.geometry import ObjectModel
 from palpate.base.vocabulary import IdentificationVerdict, RunLimit
 from palpate.config import ObjectsFile, RigFile
@@ -29,10 +31,12 @@ class LearnedObject:
     if one did. `fits_together`: False if touches contradict one another, as where the part was moved.
     `open_places_mm`: where a tip may pass between neighbouring touches, in W. `verdict`: of the recognition
     among the objects that were known before, None if there was none; only an *unknown* part is learned.
-    `known`: those objects, and `left`: which of them it may be, by name.
+    `state`: the way it lies. `known`: those objects, and `left`: which of them it may be, by name. `session`:
+    its folder, if one is kept.
     """
 
     name: str
+    state: str
     model: ObjectModel | None
     goal_mm: float
     grips: tuple[tuple[Contact, ...], ...]
@@ -44,6 +48,7 @@ class LearnedObject:
     known: ObjectsFile
     verdict: IdentificationVerdict | None = None
     left: tuple[str, ...] = ()
+    session: Path | None = None
 
     @property
     def goal_met(self) -> bool:
@@ -98,6 +103,7 @@ class LearnedObject:
             LearningOut(
                 format="palpate/learning@1",
                 name=self.name,
+                state=self.state,
                 tolerance=None if self.model is None else self.model.tolerance_mm,
                 goal=self.goal_mm,
                 goal_met=self.goal_met,
@@ -180,28 +186,36 @@ def learn(
     rig: ReadyRig, search: LearningSearch, request: LearningRequest, progress: Callable[[str], None]
 ) -> LearnedObject:
     """Touch what lies on the table until it is known as finely as asked for, or a limit is reached."""
-    now, grips = rig.hand.clock.now, list[MadeGrip]()
-    begun_s, limit, verdict = now(), None, None
+    grips, begun_s = list[MadeGrip](), rig.time_s
+    limit, verdict = None, None
     if request.objects.objects and not request.contacts:
         recognition = _recognise(rig, request.objects, progress)
         grips, verdict = list(recognition.grips), recognition.verdict
         if verdict is not IdentificationVerdict.UNKNOWN:
             left = dict.fromkeys(item.state.object_name for item in recognition.hypotheses)
             return replace(
-                _outcome(request, search, grips, now() - begun_s), verdict=verdict, left=tuple(left)
+                _outcome(request, search, grips, rig.time_s - begun_s), verdict=verdict, left=tuple(left)
             )
         search.take([contact for grip in grips for contact in grip])
     while limit is None and not search.is_done and search.holds_together and (approaches := search.next()):
         grips.append(rig.carry_out(approaches))
         search.take(grips[-1])
         progress(_progress_text(search, grips))
-        limit = RunLimit.MAX_SECONDS if now() - begun_s > request.max_seconds else None
+        limit = RunLimit.MAX_SECONDS if rig.time_s - begun_s > request.max_seconds else None
     return replace(
-        _outcome(request, search, grips, now() - begun_s),
+        _outcome(request, search, grips, rig.time_s - begun_s),
         model=search.model(request.name, request.state) if search.holds_together else None,
         limit=None if search.is_done else limit,
         verdict=verdict,
     )
+
+
+def keep_result(learned: LearnedObject, folder: Path) -> LearnedObject:
+    """Keep result and picture in a session's folder. Raises OutputError if they cannot be written."""
+    kept = replace(learned, session=folder)
+    write_text(folder / "result.json", kept.to_json() + "\n")
+    write_text(folder / "picture.svg", kept.picture())
+    return kept
 
 
 def _recognise(rig: ReadyRig, objects: ObjectsFile, progress: Callable[[str], None]) -> RigRecognition:
@@ -219,6 +233,7 @@ def _outcome(
     """Outcome of so many grips, without a model."""
     return LearnedObject(
         request.name,
+        request.state,
         None,
         request.tolerance_mm,
         (*request.contacts, *map(tuple, grips)),

@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 from palpate.base.errors import InputError, warn_operator
+from palpate.drivers.transport import Clock
 from palpate.jobs.files import ObjectsLike, check_arguments, name_of, objects_from, select_known
 from palpate.recognizer import FingerApproach
 from palpate.rig.bench import check_heights
@@ -11,8 +13,8 @@ from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.identification.exploration import fast_to_workspace
 from palpate.rig.identification.rig_recognition import GripPlanner, MadeGrip, RigRecognition
-from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand
+from palpate.rig.session.carried_grips import GripRecorder
 
 
 class ReadyRig(GripPlanner):
@@ -21,12 +23,27 @@ class ReadyRig(GripPlanner):
     Fingers stand retracted between two grips, outside of the workspace, and hold there.
     """
 
-    def __init__(self, hand: Hand, connection: ExitStack) -> None:
-        """`Rig.connect` makes one; `connection` is closed when a grip fails."""
+    def __init__(
+        self, hand: Hand, connection: ExitStack, grips: GripRecorder, clock: Clock, session: Path | None
+    ) -> None:
+        """`Rig.connect` makes one; `connection` is closed when a grip fails. `clock`: the rig's."""
         super().__init__(hand.rig)
         self.hand = hand
+        self.session = session
+        """Folder of the session, if one is kept."""
         self._connection: ExitStack | None = connection
+        self._grips, self._clock = grips, clock
         connection.callback(self._end)
+
+    @property
+    def is_connected(self) -> bool:
+        """False once a grip has failed."""
+        return self._connection is not None
+
+    @property
+    def time_s(self) -> float:
+        """Present time on the rig's clock."""
+        return self._clock.now()
 
     def _end(self) -> None:
         self._connection = None
@@ -63,7 +80,7 @@ class ReadyRig(GripPlanner):
         radius = self.file.workspace.radius_mm
         ways = [item if item.fast_mm else fast_to_workspace(item, radius) for item in approaches]
         try:
-            touches = carry_out_grip(self.hand, ways, lambda _: None)
+            touches = self._grips.carry_out(self.hand, ways)
         except BaseException as error:
             self._connection.__exit__(type(error), error, error.__traceback__)
             raise

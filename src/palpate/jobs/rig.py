@@ -10,8 +10,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from palpate.base.errors import InputError, warn_operator
-from palpate.base.vocabulary import Strategy
+from palpate.base.errors import InputError, OutputError, warn_operator
+from palpate.base.vocabulary import SessionKind, Strategy
 from palpate.config import ObjectsFile, RigFile, RigOnBench, load_calibrated
 from palpate.config.calibration_file import ReferencesFile
 from palpate.drivers.emulators import LOOPBACK, DeviceServer, serve_pty, serve_tcp
@@ -36,6 +36,7 @@ from palpate.jobs.check import (
     hold_check,
     touch_check,
 )
+from palpate.jobs.connection import ConnectionRequest, SessionRequest, connect_fingers
 from palpate.jobs.files import (
     ObjectsLike,
     PathLike,
@@ -47,12 +48,12 @@ from palpate.jobs.files import (
     select_known,
 )
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
-from palpate.jobs.learning import LearnedObject, LearningRequest, begin_learning, learn
+from palpate.jobs.learning import LearnedObject, LearningRequest, begin_learning, keep_result, learn
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.jobs.recognition import Answer, Plan
 from palpate.rig.array_monitor import find_array_ports, pace_clock, select_fingers, stream_arrays
-from palpate.rig.bench import choose_placements, environment, set_up
+from palpate.rig.bench import choose_placements
 from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.wiring_check import Onlooker
@@ -61,9 +62,7 @@ from palpate.rig.identification.events import Observer
 from palpate.rig.identification.part_count import PartCount
 from palpate.rig.identification.rig_recognition import GripStrategy
 from palpate.rig.session.calibration_drift import check_arrays
-from palpate.rig.session.run import prepared_hand
 from palpate.rig.session.signals import unwind_on_signals
-from palpate.rig.workers import BackgroundCall
 
 
 @check_arguments
@@ -208,6 +207,7 @@ class Rig:
         contacts: recognition.Contacts = (),
         scene: SceneLike | None = None,
         unconfirmed: bool = False,
+        sessions: PathLike | None = None,
         notice: Callable[[str], None] = warn_operator,
         progress: Callable[[str], None] = lambda _: None,
     ) -> LearnedObject:
@@ -219,7 +219,8 @@ class Rig:
         recognised among them first, and learned only if it is *unknown*; if `name` is one of them, it gets a
         further `state`. `contacts`: made before, as by an `identify` that ended as unknown, while it lay as
         it lies now. On an emulated rig one of the shipped objects lies there, drawn by the rig's seed, or
-        what `scene` says. `progress`: called after every grip. Raises InputError for a rig whose parts may
+        what `scene` says. `sessions`: where a folder with log, result, contacts and picture is made; None
+        keeps none. `progress`: called after every grip. Raises InputError for a rig whose parts may
         slide or whose fingers have no arrays; `unconfirmed`, `notice` and other errors are as in `identify`.
         """
         known = tuple(map(tuple, recognition.contact_record(contacts).grips))
@@ -227,8 +228,15 @@ class Rig:
         request = LearningRequest(name, state, height_mm, tolerance_mm, max_seconds, known, before)
         search = begin_learning(self.file, request)
         drawn = objects_from(None) if self.emulated else None
-        with self.connect(drawn, scene=scene, unconfirmed=unconfirmed, notice=notice) as ready:
-            return learn(ready, search, request, progress)
+        with connect_fingers(
+            self._connection(drawn, scene, (SessionKind.LEARN, sessions), unconfirmed), notice
+        ) as ready:
+            learned = learn(ready, search, request, progress)
+        try:
+            return learned if ready.session is None else keep_result(learned, ready.session)
+        except OutputError as error:  # what was learned is there all the same
+            notice(str(error))
+            return learned
 
     @check_arguments
     def plan(
@@ -411,28 +419,41 @@ class Rig:
         *,
         scene: SceneLike | None = None,
         unconfirmed: bool = False,
+        sessions: PathLike | None = None,
         notice: Callable[[str], None] = warn_operator,
     ) -> Iterator[ReadyRig]:
         """Connect the fingers for single touches and grips, and a loop of one's own.
 
         Torque is on until the block is left, by whatever way: hands away from the rig. On an emulated rig
         the next part of `objects`, or what `scene` says, lies on the table; without either nothing.
-        `unconfirmed`, `notice` and errors are as in `identify`.
+        `sessions`: where a folder with log and contacts is made, `session` of what is yielded; a replay
+        carries out the same grips. `unconfirmed`, `notice` and errors are as in `identify`.
         """
+        request = self._connection(objects, scene, (SessionKind.CONNECT, sessions), unconfirmed)
+        with connect_fingers(request, notice) as ready:
+            yield ready
+
+    def _connection(
+        self,
+        objects: ObjectsLike | None,
+        scene: SceneLike | None,
+        session: tuple[SessionKind, PathLike | None],
+        unconfirmed: bool,
+    ) -> ConnectionRequest:
+        """Request for a connection, with the next part on an emulated table; `session`: its kind and root."""
         models, given, name = objects_from(objects), scene_from(scene), name_of(objects)
         self.file.require("identify")
         is_empty = objects is None and given is None
         if not is_empty:
             models, _ = select_known(models, self.file.fingers, name, lambda _: None)  # `recognise` warns
         run, self._runs = self._runs, self._runs + 1
-        request = IdentificationRequest(
+        drawn = IdentificationRequest(
             self._on_bench, models, name, given, self._seed, run, Strategy.PLANNED, unconfirmed
         )
-        placements = () if is_empty else request.with_parts()[1]
-        there = environment(set_up(self.described, placements, self._seed))
-        with unwind_on_signals(), BackgroundCall("the display", notice) as beside, ExitStack() as connection:
-            hand = prepared_hand(there, self.file, self._on_bench.calibration, request.proof, beside)
-            yield ReadyRig(connection.enter_context(hand), connection)
+        placements = () if is_empty else drawn.with_parts()[1]
+        kind, root = session
+        kept = None if root is None else SessionRequest(Path(root), kind, models, given)
+        return ConnectionRequest(self._on_bench, placements, self._seed, drawn.proof, kept)
 
     @check_arguments
     @contextmanager

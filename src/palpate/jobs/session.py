@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from palpate.base.errors import InputError
-from palpate.base.vocabulary import OWN_STRATEGY, Strategy
+from palpate.base.vocabulary import OWN_STRATEGY, SessionKind, Strategy
+from palpate.config import RigOnBench
 from palpate.drivers.transport import Clock
 from palpate.jobs.files import PathLike, check_arguments
 from palpate.jobs.monitor import Monitor
@@ -21,6 +22,7 @@ from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placements_in_hand_frame
 from palpate.rig.identification.part_count import PartCount
 from palpate.rig.identification.result import IdentificationJob, WiringProof
+from palpate.rig.session.carried_grips import replay_grips
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.recorded_session import confirmed_of, load_kept_inputs, used_calibration
@@ -55,13 +57,25 @@ class Session:
     def replay(self) -> Replayed:
         """Replay: run the same code against what was recorded; no device is needed, nothing moves.
 
+        Of a connection the recorded grips are carried out: what chose them is not in the log.
         Raises InputError for a session that cannot be replayed, and for a log that was changed after it was
         written although the replay met no difference.
         """
-        replayed = replay(self.log, self._job(), self._latency_s())
+        replayed = self._replay()
         if self.changed is not None and replayed.difference is None:
             raise InputError(f"{self.changed}; replaying it made no difference")
         return replayed
+
+    def _replay(self) -> Replayed:
+        kind = self.header.get("command", SessionKind.IDENTIFY)
+        if kind == SessionKind.IDENTIFY:
+            return replay(self.log, self._job(), self._latency_s())
+        if kind not in list(SessionKind):
+            raise InputError(f'{self.log.path}: line 1: "command" must be one of {", ".join(SessionKind)}')
+        calibrated = used_calibration(self.log)
+        on_bench = load_kept_inputs(self.folder, scene=False, calibration=calibrated)[0]
+        proof = self._proof(on_bench)
+        return replay_grips(self.log, on_bench.rig, on_bench.calibration, proof, self._latency_s())
 
     @property
     def changed(self) -> str | None:
@@ -115,9 +129,6 @@ class Session:
         seen = placements_in_hand_frame(on_bench, placements, seed)
         started = None if on_bench.calibration is None else self._started()
         models = prepare_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers))
-        command, proof = header.get("proof"), None
-        if isinstance(command, str):
-            proof = WiringProof(on_bench.described, confirmed_of(on_bench.path), command)
         return IdentificationJob(
             on_bench.rig,
             models,
@@ -126,9 +137,16 @@ class Session:
             seed,
             on_bench.calibration,
             started,
-            proof,
+            self._proof(on_bench),
             parts,
         )
+
+    def _proof(self, on_bench: RigOnBench) -> WiringProof | None:
+        """Proof of the wiring that the run asked for."""
+        command = self.header.get("proof")
+        if not isinstance(command, str):
+            return None
+        return WiringProof(on_bench.described, confirmed_of(on_bench.path), command)
 
     def _started(self) -> datetime:
         """Time when the session began, from which its calibration's age was counted."""

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from palpate.base.errors import quantity
+from palpate.base.vocabulary import SessionKind
 from palpate.config.session_results import (
     DifferenceOut,
     EndOut,
@@ -36,7 +37,7 @@ def show_sessions(
             (item.began or "?")[:16].replace("T", " "),
             escape(item.rig or "?"),
             escape(Path(item.path).name),
-            escape(_answer_words(item)),
+            escape(answer_words(item)),
             size_words(item.bytes),
         )
     if sessions:
@@ -54,7 +55,7 @@ def info_lines(item: SessionOut) -> list[str]:
         ("started", f"{instant_words(item.began) or 'not recorded'}, palpate {item.palpate or '?'}"),
         ("rig", f"{_rig_words(item)}{_seed_words(item)}{_calibration_words(item)}"),
         ("ran", f"{item.duration:.1f} s, {_counts(item)}"),
-        ("answer", _answer_words(item)),
+        ("answer", answer_words(item)),
         ("ended", _end_words(item)),
     ]
     if item.ended is not None and item.ended.message and item.ended.message != _end_words(item):
@@ -89,7 +90,11 @@ def _calibration_words(item: SessionOut) -> str:
     return ", calibrated" if item.calibration else ", without a calibration"
 
 
-def _answer_words(item: SessionOut) -> str:
+def answer_words(item: SessionOut) -> str:
+    """Say what a session found, or how it ended."""
+    if item.verdict is None and item.command == SessionKind.CONNECT:
+        end = _end_words(item)
+        return "grips of a program" if end == "done" else f"grips of a program ({end})"
     if item.verdict is None:
         end = _end_words(item)
         return "none" if end == "done" else f"none ({end})"
@@ -156,4 +161,6 @@ def _ending(out: ReplayOut) -> str:
         return _named_words(out)
     if out.end is None:
         return "no answer so far"
+    if out.end.how == "done":
+        return "ended in order"
     return f"ended by {out.end.how}: {out.end.message}" if out.end.message else f"ended by {out.end.how}"

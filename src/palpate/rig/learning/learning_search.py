@@ -18,6 +18,7 @@ from palpate.rig.learning.touch_choice import TouchChooser, open_places_mm
 from palpate.rig.reach.approaches import Reach, reach_of
 
 _MOST_PATHS = 5000  # in corners a millimetre more or less decides whether a tip may pass
+_AIM_SHARE = 0.9  # of the tolerance that is asked for: touches are wanted until bounds are a little finer
 _FIRST_TOUCHES = 3  # by which fingers go to the middle of the table, or of what was touched
 
 
@@ -135,7 +136,7 @@ class LearningSearch:
             if kind.felt is None or kind.guess is None:
                 grip = tuple(exploring_grip(kind.reach, kind.contacts))
             else:
-                grip = kind.chooser.grip(kind.contacts, kind.felt, kind.guess, self._goal_mm)
+                grip = kind.chooser.grip(kind.contacts, kind.felt, kind.guess, _AIM_SHARE * self._goal_mm)
             if grip:
                 return grip
         return ()

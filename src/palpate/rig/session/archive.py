@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.base.errors import InputError, OutputError
-from palpate.base.vocabulary import Strategy
+from palpate.base.vocabulary import SessionKind, Strategy
 from palpate.config import FingerConfig, RigFile, load_rig
 from palpate.config.emulation import MAX_SCENE_PARTS
 from palpate.config.session_results import (
@@ -73,10 +73,13 @@ def summary_of(folder: Path) -> SessionOut:
     end = last[-1] if last[-1].get("event") == "end" else None
     results = (item["result"] for item in last if isinstance(item.get("result"), dict))
     result: Mapping[str, Any] = next(results, {})
+    command = _text(header.get("command")) or SessionKind.IDENTIFY
+    if command == SessionKind.LEARN:
+        result = _learned(folder / "result.json")
     return SessionOut(
         path=str(folder),
         began=_text(header.get("started")),
-        command=_text(header.get("command")) or "identify",
+        command=command,
         palpate=_text(header.get("palpate")),
         rig=_text(header.get("rig")),
         seed=_seed(header),
@@ -93,6 +96,19 @@ def summary_of(folder: Path) -> SessionOut:
         bytes=sum(item.stat().st_size for item in folder.iterdir() if item.is_file()),
         parts=tuple(_part(item) for item in result.get("parts") or ()),
     )
+
+
+def _learned(path: Path) -> Mapping[str, Any]:
+    """A result of learning as that of a run: what was learned, or the verdict among known objects."""
+    try:
+        values = json.loads(path.read_bytes())
+    except (OSError, ValueError):  # the run gave none
+        return {}
+    if not isinstance(values, dict):
+        return {}
+    if values.get("tolerance") is None:
+        return {"verdict": values.get("verdict") or "not learned"}
+    return {"verdict": "learned", "object": values.get("name"), "state": values.get("state")}
 
 
 def _part(values: Mapping[str, Any]) -> NamedPartOut:

@@ -162,7 +162,7 @@ class GripRecord:
     """One grip: what its events say; `stages`: when each began (s).
 
     `decisive`: whether the plan before it was; None for a grip that explores. `divisions`: that are left of
-    the touches among several parts; None for one part.
+    the touches among several parts; None for one part. `is_chosen`: a program chose it, by whatever means.
     """
 
     number: int
@@ -172,6 +172,7 @@ class GripRecord:
     verdict: str | None = None
     decisive: bool | None = None
     is_moved: bool = False
+    is_chosen: bool = False
     divisions: int | None = None
 
 
@@ -194,4 +195,6 @@ def grip_records(file: SessionFile) -> list[GripRecord]:
             grip.decisive = bool(values["decisive"])
         elif kind == "moved":
             grip.is_moved = True
+        elif kind == "grip":
+            grip.is_chosen = True
     return [found[number] for number in sorted(found) if found[number].stages or found[number].touches]

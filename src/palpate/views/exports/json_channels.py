@@ -44,6 +44,11 @@ _PLANNED = {
     "travel_mm": float,
     "predictions": list[Prediction],
 }
+_CHOSEN = {
+    **{"finger_index": int, "start_mm": list[float]},
+    **dict.fromkeys(("direction_rad", "travel_mm", "position_bound_mm", "stage_rad", "fast_mm"), float),
+    "touch_mm_s": float | None,
+}
 _PART = {
     "engine": str,
     **dict.fromkeys(("mass_kg", "friction", "tip_friction", "slip_n"), float),
@@ -55,7 +60,7 @@ _TRUTH = {
 }
 _HEADER = {
     **dict.fromkeys(("format", "palpate", "rig"), str),
-    **dict.fromkeys(("strategy", "started", "proof"), str | None),
+    **dict.fromkeys(("command", "strategy", "started", "proof"), str | None),
     **dict.fromkeys(("scene", "calibration", "emulated"), bool | None),
     "seed": int | None,
     "bus_latency_s": float,
@@ -75,6 +80,8 @@ _FIELDS: Mapping[str, Mapping[str, Any]] = {
         **{"grip": int, "decisive": bool, "remaining": float},
         "approaches": list[_typed("PlannedApproach", _PLANNED)],  # type: ignore[misc]
     },
+    "grip": {"grip": int, "approaches": list[_typed("ChosenApproach", _CHOSEN)]},  # type: ignore[misc]
+    "left": {"how": str, "message": str},
     "moved": {"grip": int},
     "truth": _TRUTH | {"others": list[_typed("PartTruth", _TRUTH)] | None},  # type: ignore[misc]
     "result": {"result": IdentificationOut},

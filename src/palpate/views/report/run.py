@@ -7,6 +7,7 @@ from pathlib import Path
 
 from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary import SessionKind
 from palpate.config import RigFile
 from palpate.config.recognition_results import IdentificationOut
 from palpate.config.session_results import SessionOut
@@ -36,7 +37,7 @@ from palpate.views.report.page import (
     table,
 )
 from palpate.views.run_scene import heaviest, outlines_in_w
-from palpate.views.sessions_text import info_lines, instant_words
+from palpate.views.sessions_text import answer_words, info_lines, instant_words
 from palpate.views.table_picture.picture import draw
 from palpate.views.table_picture.values import FingerBase, OtherHypothesis, Picture, TouchMark
 
@@ -67,10 +68,10 @@ def _grip_sections(
         drawn = replace(_picture(grip, marks, rig, models, truths), has_legend=has_legend)
         parts = [picture(draw(drawn))] if grip.touches else []
         has_legend = has_legend and not parts
-        parts.append(columns(_touches(grip), _hypotheses(grip)))
+        parts.append(columns(_touches(grip), "" if grip.is_chosen else _hypotheses(grip)))
         has_face = any(touch.contact.finger.tip.has_face for touch in grip.touches)
         parts += [paragraph(_POINT_ROWS)] if has_face else []
-        parts.append(paragraph(_words(grip, before)))
+        parts += [paragraph(words)] if (words := _words(grip, before)) else []
         found.append(section(f"Grip {grip.number}", *parts, kind="grip"))
         before = grip if grip.verdict is not None else before
     return found
@@ -78,6 +79,8 @@ def _grip_sections(
 
 def _words(grip: GripRecord, before: GripRecord | None) -> str:
     """Why the grip was made, and what it changed."""
+    if grip.is_chosen:
+        return ""
     words = [_kind(grip, before)]
     if grip.is_moved:
         words.append(
@@ -110,6 +113,9 @@ def _kind(grip: GripRecord, before: GripRecord | None) -> str:
 
 def _title(grip: GripRecord) -> str:
     """Return what the contacts say."""
+    if grip.is_chosen:
+        touched = sum(touch.contact.touched for touch in grip.touches)
+        return f"{touched} of {quantity(len(grip.touches), 'finger', 'fingers')} touched"
     if grip.verdict is None:
         return "not interpreted"
     parts = by_part(grip.hypotheses)
@@ -197,7 +203,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
     told = file.told("truth")
     truths = placements_in(told[0]) if told else ()
     answer = _answer(file)
-    title = headline(answer) if answer else "No answer"
+    title = headline(answer) if answer else _title_without_answer(summary)
     has_picture = answer is not None and (folder / "picture.svg").is_file()
     parts = [
         heading(
@@ -210,7 +216,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
         # Of several parts the log does not say which touches are whose.
         *(
             []
-            if answer and answer.table
+            if (answer and answer.table) or any(grip.is_chosen for grip in grips)
             else [section("Why each rival fell", _rivals(grips, samples.objects))]
         ),
         section("Timing", _timing(grips, summary)),
@@ -222,6 +228,11 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
     return page(title, parts)
 
 
+def _title_without_answer(summary: SessionOut) -> str:
+    words = answer_words(summary)
+    return "No answer" if summary.command == SessionKind.IDENTIFY else f"{words[0].upper()}{words[1:]}"
+
+
 def _answer(file: SessionFile) -> IdentificationOut | None:
     results = file.told("result")
     return IdentificationOut.model_validate(results[-1]["result"]) if results else None
@@ -229,10 +240,10 @@ def _answer(file: SessionFile) -> IdentificationOut | None:
 
 def _answer_parts(answer: IdentificationOut | None, summary: SessionOut, folder: Path) -> Iterator[str]:
     if answer is None:
-        yield paragraph("The run ended before there was an answer.")
+        if summary.command == SessionKind.IDENTIFY:
+            yield paragraph("The run ended before there was an answer.")
         yield lines("\n".join(info_lines(summary)))
-        return
-    if answer.table is None:
+    elif answer.table is None:
         yield from _place_and_notes(answer)
     else:
         yield bullets([*table_notes(answer, answer.table), rest_words(answer.table)])

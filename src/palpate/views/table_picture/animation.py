@@ -49,6 +49,7 @@ class _Story:
     divisions: dict[int, int] = field(default_factory=dict)  # after a grip, where several parts are sought
     stages: list[tuple[float, str]] = field(default_factory=list)
     answer: IdentificationOut | None = None
+    is_chosen: bool = False  # grips were a program's
     end_s: float = 0.0
 
     def take(self, sample: TipSample) -> None:
@@ -70,6 +71,8 @@ class _Story:
                 self.left.append((t_s, values["grip"], sort_by_weight(hypotheses_in(kind, values))))
                 if "divisions" in values:
                     self.divisions[values["grip"]] = values["divisions"]
+            case "grip":
+                self.is_chosen = True
             case "result":
                 self.answer = IdentificationOut.model_validate(values["result"])
 
@@ -334,7 +337,8 @@ def _panel(story: _Story, objects: int, film: _Film) -> tuple[str, float]:
     """Hypotheses that are left after each grip, and the answer with its bounds; the y at which they end."""
     left, y = _TICKS + _TABLE + _GAP, _MARGIN + 16
     verb = "lie" if story.divisions else "lies"
-    shown = [svg.text(f"Which of {objects} known parts {verb} here?", left, y, size=15, weight="bold")]
+    question = "What lies here?" if story.is_chosen else f"Which of {objects} known parts {verb} here?"
+    shown = [svg.text(question, left, y, size=15, weight="bold")]
     colours = _colours(story)
     for at in _rows(story):
         t_s, grip, items = story.left[at]
