@@ -16,7 +16,7 @@ SESSIONS_FOLDER = "palpate-sessions"
 
 
 class SessionKind(StrEnum):
-    """What a session was recorded for, as its log's `command` says."""
+    """Purpose of a session, as its log's `command` says."""
 
     IDENTIFY = "identify"
     CONNECT = "connect"
