@@ -1,15 +1,18 @@
 """Parts learned by touch: `python benchmarks/bench_learning.py --learn N [--identify M]`.
 
-`--learn N`: N outlines of others, drawn by seed, are learned on the firm bench with a stage that turns by
-±35°, with touches that shapely works out, each as far off as its bounds allow (position 0.33 mm, path 0.58
-mm, normals ±9.5°: those of the emulated bench). Judged by shapely alone: the inner bound lies in what a tip
-of 5 mm can feel of the true outline, the part in the outer one, and the felt outline within the model's
-tolerance of the model's. Beside the tolerance stand the Hausdorff distances from the felt outline of the
-model, of a polygon through as many true points, evenly spaced, and of the mean of a Gaussian process by the
-same touches (needs scikit-learn); at the end, how the tolerance falls with touches.
+`--learn N`: N outlines of others, drawn by seed, or with `--own` of our own, which have notches, slots and
+holes that no tip can reach, are learned on the firm bench with a stage that turns by ±35°, with touches that
+shapely works out, each as far off as its bounds allow (position 0.33 mm, path 0.58 mm, normals ±9.5°: those
+of the emulated bench). Judged by shapely alone: the inner bound lies in what a tip of 5 mm can feel of the
+true outline, the part in the outer one, and the felt outline within the model's tolerance of the model's.
+Beside the tolerance stand the Hausdorff distances from the felt outline of the model, of a polygon through as
+many true points, evenly spaced, and of the mean of a Gaussian process by the same touches (needs
+scikit-learn); at the end, how the tolerance falls with touches.
 
-`--identify M`: then M parts, drawn from those that were learned, are identified among all of them, in other
-places, with touches of the same kind.
+`--identify M`: then M parts, drawn from those that were learned, are identified among all of them and the
+shipped objects, in other places, with touches of the same kind. `--keep FOLDER` writes learned models there,
+and takes those that are there in place of learning again; `--first-run K` begins with the identification of
+that number.
 """
 
 import argparse
@@ -27,8 +30,9 @@ import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from palpate.base.geometry import ObjectModel
-from palpate.config import RigFile, load_rig
+import palpate
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.identification.identify import search
 from palpate.rig.learning.learning_search import LearningSearch, learning_reach
@@ -40,6 +44,7 @@ from support.oracles.shapely_touches import outlines, place, touch
 POSITION_MM, PATH_MM, NORMAL_RAD = 0.33, 0.58, math.radians(9.5)
 TIP_MM, HEIGHT_MM, QUARTER = 5.0, 20.0, 64
 SMALLEST_MM, LARGEST_MM = 35.0, 110.0
+MOST_REGULAR = 4  # corners of own parts that are evenly spaced
 
 
 def hands(
@@ -149,38 +154,95 @@ def _gaussian_mm(search: LearningSearch, true: shapely.Polygon) -> float:
     return float(shapely.hausdorff_distance(found.exterior, true.exterior, densify=0.002))
 
 
+def own_outline(seed: int) -> ObjectModel:
+    """A part of 50 to 110 mm with up to three of: a slot, a notch with straight or slanting walls, a hole."""
+    rng = np.random.default_rng([3, seed])
+    size, corners = rng.uniform(28, 48), int(rng.integers(3, 8))
+    if corners > MOST_REGULAR:
+        turns = np.sort(rng.uniform(0, 2 * math.pi, corners))
+    else:
+        turns = 2 * math.pi * np.arange(corners) / corners
+    ring = size * np.column_stack([np.cos(turns), rng.uniform(0.6, 1.0) * np.sin(turns)])
+    hull = shapely.MultiPoint(ring).convex_hull.buffer(rng.uniform(4, 9), join_style="mitre")
+    shape = hull
+    for _ in range(int(rng.integers(1, 4))):
+        kind, at = str(rng.choice(["slot", "notch", "wedge", "hole"])), rng.uniform()
+        if kind != "hole":
+            shape = shape.difference(_notch(hull, kind, at, rng.uniform(6, 0.6 * size), rng))
+        elif not (room := hull.buffer(-14)).is_empty:
+            shape = shape.difference(room.representative_point().buffer(rng.uniform(3, 12), 6))
+    piece = max(shapely.get_parts(shape), key=shapely.area)
+    outer, *holes = (shapely.get_coordinates(item)[:-1] for item in [piece.exterior, *piece.interiors])
+    section = Section((0.0, HEIGHT_MM), (Polygon(outer, tuple(holes)),))
+    return ObjectModel("own", (State("flat", (section,)),))
+
+
+def _notch(
+    hull: shapely.Polygon, kind: str, at: float, deep: float, rng: np.random.Generator
+) -> shapely.Polygon:
+    """What a slot, a notch or a wedge takes away, from a place on the hull (`at`, 0 to 1) towards its middle."""
+    place = shapely.line_interpolate_point(hull.exterior, at, normalized=True)
+    mouth, middle = shapely.get_coordinates([place, hull.centroid])
+    inward = (middle - mouth) / math.hypot(*(middle - mouth))
+    across = np.array([-inward[1], inward[0]])
+    wide = rng.uniform(4, 10) if kind == "slot" else rng.uniform(14, 30)
+    narrow = 0.2 * wide if kind == "wedge" else wide
+    begin, end = mouth - 30 * inward, mouth + deep * inward
+    sides = (begin, -wide), (end, -narrow), (end, narrow), (begin, wide)
+    return shapely.Polygon([point + across * width / 2 for point, width in sides])
+
+
 def main() -> None:
     """Print a line for each part, and sums."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--learn", type=int, default=10)
     parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--own", action="store_true")
     parser.add_argument("--identify", type=int, default=0)
+    parser.add_argument("--first-run", type=int, default=0)
     parser.add_argument("--tolerance", type=float, default=1.5)
     parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--keep", type=Path, default=None)
     given = parser.parse_args()
     rig = load_rig(EXAMPLES / "turning-rig.toml")
     reach = learning_reach(rig)
+    found = []
+    for seed in range(given.first, given.first + given.learn):
+        truth = own_outline(seed) if given.own else _outline_of_others(seed)
+        kept = None if given.keep is None else given.keep / f"{truth.name}-{seed}.json"
+        if kept is not None and kept.exists():
+            found.append(Learned(truth, load_objects(kept).objects[0], 0, 0, 0.0, 0.0, is_between=True))
+            continue
+        item = learn(truth, rig, reach, seed, given.tolerance, given.seconds)
+        if kept is not None and item.model is not None:
+            palpate.save(ObjectsFile((item.model,)), kept)
+        _tell(seed, item)
+        found.append(item)
+    _falling(found)
+    runs = range(given.first_run, given.first_run + given.identify)
+    _identify(rig, reach_of(rig), [item for item in found if item.model is not None], runs)
+
+
+def _outline_of_others(seed: int) -> ObjectModel:
     truths = [
         item
         for item in outlines(SHARED_OUTLINES)
         if SMALLEST_MM < np.ptp(item.states[0].sections[0].polygons[0].outer, axis=0).max() < LARGEST_MM
     ]
     drawn = np.random.default_rng(0).permutation(len(truths))
-    found = []
-    for seed in range(given.first, given.first + given.learn):
-        item = learn(truths[drawn[seed % len(truths)]], rig, reach, seed, given.tolerance, given.seconds)
-        tolerance = math.nan if item.model is None else item.model.tolerance_mm
-        print(
-            f"{seed:>3} {item.truth.name:<14} grips {item.grips:>3} touches {item.touches:>3} "
-            f"{item.seconds:>5.0f} s  tolerance {tolerance:>5.2f} mm  between {item.is_between!s:<5} "
-            f"Hausdorff {item.hausdorff_mm:>5.2f} mm, evenly {item.even_mm:>5.2f} mm, "
-            f"Gaussian {item.gaussian_mm:>5.2f} mm  "
-            f"computing {item.computing_s:.0f} s",
-            flush=True,
-        )
-        found.append(item)
-    _falling(found)
-    _identify(rig, reach_of(rig), [item for item in found if item.model is not None], given.identify)
+    return truths[drawn[seed % len(truths)]]
+
+
+def _tell(seed: int, item: Learned) -> None:
+    tolerance = math.nan if item.model is None else item.model.tolerance_mm
+    print(
+        f"{seed:>3} {item.truth.name:<14} grips {item.grips:>3} touches {item.touches:>3} "
+        f"{item.seconds:>5.0f} s  tolerance {tolerance:>5.2f} mm  between {item.is_between!s:<5} "
+        f"Hausdorff {item.hausdorff_mm:>5.2f} mm, evenly {item.even_mm:>5.2f} mm, "
+        f"Gaussian {item.gaussian_mm:>5.2f} mm  "
+        f"computing {item.computing_s:.0f} s",
+        flush=True,
+    )
 
 
 def _falling(found: Sequence[Learned]) -> None:
@@ -197,14 +259,15 @@ def _falling(found: Sequence[Learned]) -> None:
         )
 
 
-def _identify(rig: RigFile, reach: Reach, known: Sequence[Learned], count: int) -> None:
-    if not known or not count:
+def _identify(rig: RigFile, reach: Reach, known: Sequence[Learned], runs: Sequence[int]) -> None:
+    if not known or not runs:
         return
-    catalogue = Catalogue([item.model for item in known if item.model is not None])
+    shipped = load_objects(shipped_objects()).objects
+    catalogue = Catalogue([*(item.model for item in known if item.model is not None), *shipped])
     limits = {"max_grips": 40, "goal_position_mm": 5.0, "goal_orientation_deg": 8.0}
     eased = rig.model_copy(update={"search": rig.search.model_copy(update=limits)})
     verdicts: Counter[str] = Counter()
-    for seed in range(count):
+    for seed in runs:
         rng = np.random.default_rng([2, seed])
         item = known[int(rng.integers(len(known)))]
         placed = place(item.truth, rng, 15.0)
