@@ -180,7 +180,7 @@ def own_outline(seed: int) -> ObjectModel:
 def _notch(
     hull: shapely.Polygon, kind: str, at: float, deep: float, rng: np.random.Generator
 ) -> shapely.Polygon:
-    """What a slot, a notch or a wedge takes away, from a place on the hull (`at`, 0 to 1) towards its middle."""
+    """Slot, notch or wedge from a place on the hull (`at`, 0 to 1) towards its middle."""
     place = shapely.line_interpolate_point(hull.exterior, at, normalized=True)
     mouth, middle = shapely.get_coordinates([place, hull.centroid])
     inward = (middle - mouth) / math.hypot(*(middle - mouth))
