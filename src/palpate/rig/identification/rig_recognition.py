@@ -17,7 +17,7 @@ from palpate.rig.identification.exploration import fast_to_workspace
 from palpate.rig.identification.identify import begin_search, with_goals
 from palpate.rig.identification.loop import OwnChoice, Search
 from palpate.rig.motion.touch import Touch
-from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.reach.approaches import Reach, line_of, reach_of
 
 
 class MadeGrip(tuple[Contact, ...]):
@@ -145,7 +145,7 @@ class GripPlanner:
 
     @cached_property
     def _longest_mm(self) -> dict[object, float]:
-        return {_line_of(item): item.travel_mm for item in self.approaches}
+        return {line_of(item): item.travel_mm for item in self.approaches}
 
     def _begin(self, catalogue: Catalogue) -> RigRecognition:
         """Recognition of a part of a catalogue before anything was touched."""
@@ -167,7 +167,7 @@ class GripPlanner:
         if goal is not None and not isinstance(goal, Goals):
             raise InputError(f"plan: goal is {goal!r}; it must be palpate.Goals(mm, rad), or None")
         planned = recognition._plan(goal)
-        self._free_mm = {_line_of(item): item.fast_mm for item in planned}
+        self._free_mm = {line_of(item): item.fast_mm for item in planned}
         return planned
 
     def check(self, approaches: Sequence[FingerApproach]) -> tuple[FingerApproach, ...]:
@@ -184,7 +184,7 @@ class GripPlanner:
         return asked
 
     def _check_one(self, item: FingerApproach) -> None:
-        longest, name = self._longest_mm.get(_line_of(item)), "of no finger"
+        longest, name = self._longest_mm.get(line_of(item)), "of no finger"
         if 0 <= item.finger_index < len(self.file.fingers):
             name = f"of finger {self.file.fingers[item.finger_index].name}"
         if longest is None:
@@ -195,7 +195,7 @@ class GripPlanner:
                 "at most"
             )
         outside = fast_to_workspace(item, self.file.workspace.radius_mm).fast_mm
-        free = min(max(outside, self._free_mm.get(_line_of(item), 0.0)), item.travel_mm)
+        free = min(max(outside, self._free_mm.get(line_of(item), 0.0)), item.travel_mm)
         if not 0 <= item.fast_mm <= free:
             raise InputError(
                 f"an approach {name} is fast for {item.fast_mm:g} mm; {free:g} mm of its way are known to be "
@@ -210,10 +210,6 @@ class GripPlanner:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.file.name}: {len(self.approaches)} approaches>"
-
-
-def _line_of(item: FingerApproach) -> object:
-    return item.finger_index, item.stage_rad, item.start_mm, item.direction_rad
 
 
 GripStrategy = Callable[[RigRecognition, GripPlanner], Sequence[FingerApproach] | None]

@@ -364,20 +364,21 @@ class Reach:
 
     def grip_seconds(self, grip: Sequence[FingerApproach], travels_mm: Sequence[float]) -> float:
         """Rough time of a grip of some of the approaches, or their first parts, after so much travel each."""
-        rows, travels = [self._rows[_line_of(item)] for item in grip], np.zeros(len(self.approaches))
+        rows, travels = [self._rows[line_of(item)] for item in grip], np.zeros(len(self.approaches))
         travels[rows] = travels_mm
         return float(self.seconds(travels)[rows].max())
 
     @cached_property
     def _rows(self) -> Mapping[tuple[float, ...], int]:
-        return {_line_of(item): row for row, item in enumerate(self.approaches)}
+        return {line_of(item): row for row, item in enumerate(self.approaches)}
 
     @cached_property
     def _travels(self) -> Floats:
         return np.array([item.travel_mm for item in self.approaches])
 
 
-def _line_of(approach: FingerApproach) -> tuple[float, ...]:
+def line_of(approach: FingerApproach) -> tuple[float, ...]:
+    """Finger, stage angle and line of an approach, by which it is known however far it goes."""
     return approach.finger_index, approach.stage_rad, *approach.start_mm, approach.direction_rad
 
 
