@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from palpate.base.errors import InputError, warn_operator
+from palpate.base.vocabulary import Strategy
 from palpate.drivers.transport import Clock
 from palpate.jobs.files import ObjectsLike, check_arguments, name_of, objects_from, select_known
 from palpate.recognizer import FingerApproach
@@ -12,6 +13,7 @@ from palpate.rig.bench import check_heights
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.identification.exploration import fast_to_workspace
+from palpate.rig.identification.part_count import PartCount, check_parts
 from palpate.rig.identification.rig_recognition import GripPlanner, MadeGrip, RigRecognition
 from palpate.rig.motion.hand import Hand
 from palpate.rig.session.carried_grips import GripRecorder
@@ -49,15 +51,18 @@ class ReadyRig(GripPlanner):
         self._connection = None
 
     @check_arguments
-    def recognise(self, objects: ObjectsLike | None = None) -> RigRecognition:
+    def recognise(self, objects: ObjectsLike | None = None, *, parts: int | str = 1) -> RigRecognition:
         """Recognise nothing yet: anything of the catalogue may lie anywhere; `extend` it with grips.
 
-        `objects`: None for the shipped ones. States that are not known at the fingers' heights are left out,
-        with a warning. Raises InputError if a file is wrong, no state is left, or a part is too high.
+        `objects`: None for the shipped ones. `parts`: how many lie there, as of `Rig.identify`. States that
+        are not known at the fingers' heights are left out, with a warning. Raises InputError if a file is
+        wrong, no state is left, or a part is too high.
         """
         models, _ = select_known(objects_from(objects), self.file.fingers, name_of(objects), warn_operator)
         check_heights(self.file, models)
-        return self._begin(prepare_catalogue(models.objects, map(finger_of, self.file.fingers)))
+        count = PartCount.parse(parts)
+        check_parts(self.file, count, Strategy.PLANNED)
+        return self._begin(prepare_catalogue(models.objects, map(finger_of, self.file.fingers)), count)
 
     def touch(self, approach: FingerApproach) -> MadeGrip:
         """Touch with one finger: as `grip` of one approach."""

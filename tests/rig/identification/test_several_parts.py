@@ -16,6 +16,7 @@ from palpate.base.errors import InputError
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.schema import schema_text
+from palpate.jobs.recognition import contact_record
 from palpate.jobs.session import open_session
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.emulated.scene import Placement
@@ -331,6 +332,26 @@ def test_two_parts_on_the_emulated_bench_and_their_replay(recorded: Callable[[st
     named = replay_lines(open_session(folder).log, replay_out(open_session(folder).log, replayed, "0", ""))
     assert "tr-1" in named[0]
     assert "grip, flat" in named[0]
+
+
+def test_grip_by_grip_they_are_found_as_in_one_run(recorded: Callable[[str], Path]) -> None:
+    """The same touches, to the last bit, and the same bounds; a plan that is not carried out changes nothing."""
+    folder = recorded("two parts")
+    seed = open_session(folder).header["seed"]
+    out = json.loads((folder / "result.json").read_text())
+    with palpate.open_rig(folder / "rig.toml", seed=seed).connect(scene=folder / "scene.json") as rig:
+        recognition = rig.recognise(folder / "objects.json", parts=2)
+        while approaches := rig.plan(recognition):
+            assert rig.plan(recognition, palpate.Goals(0.1, 0.01))
+            recognition = recognition.extend(rig.grip(approaches))
+    kept = contact_record(folder / "contacts.json").grips
+    assert [tuple(grip) for grip in recognition.grips] == [tuple(grip) for grip in kept]
+    assert (recognition.verdict, recognition.goal_met) == (out["verdict"], out["goal_met"])
+    found = [item.hypotheses[0] for item in recognition.parts]
+    assert [item.state.object_name for item in found] == [part["object"] for part in out["parts"]]
+    for item, part in zip(found, out["parts"], strict=True):
+        assert item.bounds.x_mm == pytest.approx(part["bounds"]["x"], abs=2e-6)
+        assert item.bounds.theta_rad == pytest.approx(part["bounds"]["theta"], abs=2e-6)
 
 
 def test_flat_faces_and_own_strategies_are_refused() -> None:

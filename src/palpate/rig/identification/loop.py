@@ -169,6 +169,11 @@ class Search:
         """All that is known of the part as it lies now; None before enough was touched."""
         return self._present_recognition()
 
+    @property
+    def recognitions(self) -> tuple[Recognition, ...]:
+        """The same of every part on the table: one at most."""
+        return () if self.recognition is None else (self.recognition,)
+
     def with_chooser(self, chooser: GripChooser) -> "Search":
         """The same with other goals."""
         other = self.copy()

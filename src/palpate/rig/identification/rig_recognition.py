@@ -16,6 +16,8 @@ from palpate.recognizer import Catalogue, Contact, FingerApproach, Goals, Hypoth
 from palpate.rig.identification.exploration import fast_to_workspace
 from palpate.rig.identification.identify import begin_search, with_goals
 from palpate.rig.identification.loop import OwnChoice, Search
+from palpate.rig.identification.part_count import PartCount
+from palpate.rig.identification.several_parts import SeveralSearch
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, line_of, reach_of
 
@@ -44,7 +46,7 @@ class _Planned:
     """A plan for a goal, and the search that has made it: it understands these approaches, and no others."""
 
     goal: Goals | None
-    search: Search
+    search: Search | SeveralSearch
     approaches: tuple[FingerApproach, ...]
     verdict: IdentificationVerdict | None
 
@@ -52,12 +54,13 @@ class _Planned:
 class RigRecognition:
     """All that a rig's grips have shown of the part on its table, as `identify` understands them.
 
+    Of several parts it has what every part's own touches show, by the likeliest way to divide them.
     A value: `extend` returns another one. Where the rig file or an object declares what force parts bear, the
     motion that grips may have caused is taken into account; if grips contradict one another, the part is
     taken to have moved, and only the later ones count.
     """
 
-    def __init__(self, search: Search) -> None:
+    def __init__(self, search: Search | SeveralSearch) -> None:
         """`ReadyRig.recognise` makes the first one."""
         self._search = search
         self._planned: _Planned | None = None
@@ -69,12 +72,19 @@ class RigRecognition:
 
     @property
     def recognition(self) -> Recognition | None:
-        """Hypotheses with all that computing needs; None before enough was touched."""
-        return self._search.recognition
+        """Hypotheses with all that computing needs, of the first part; None before enough was touched."""
+        return next(iter(self.parts), None)
+
+    @property
+    def parts(self) -> tuple[Recognition, ...]:
+        """The same of every part that was touched enough; numbers of parts may be others after each grip."""
+        return self._search.recognitions
 
     @property
     def hypotheses(self) -> Sequence[Hypothesis]:
-        """Hypotheses on the part as it lies now, the largest weight first; none before enough was touched."""
+        """Hypotheses on the (first) part as it lies now, the largest weight first; none before enough was
+        touched.
+        """
         return () if self.recognition is None else self.recognition.hypotheses
 
     @property
@@ -88,8 +98,8 @@ class RigRecognition:
     def goal_met(self) -> bool:
         """True if every hypothesis is placed as finely as the last plan's goal, or the rig file's, asks."""
         search = self._search if self._planned is None else self._planned.search
-        known = self.recognition
-        return known is not None and bool(known.hypotheses) and search.chooser.is_fine(known)
+        known = search.recognitions
+        return bool(known) and all(bool(item.hypotheses) and search.chooser.is_fine(item) for item in known)
 
     def extend(self, grip: MadeGrip) -> "RigRecognition":
         """The same with one more grip, misses included; InputError for contacts of no rig, or another's.
@@ -147,11 +157,11 @@ class GripPlanner:
     def _longest_mm(self) -> dict[object, float]:
         return {line_of(item): item.travel_mm for item in self.approaches}
 
-    def _begin(self, catalogue: Catalogue) -> RigRecognition:
-        """Recognition of a part of a catalogue before anything was touched."""
-        search = begin_search(self.file, self._reach, catalogue)
-        search.prepare()
-        return RigRecognition(search)
+    def _begin(self, catalogue: Catalogue, count: PartCount) -> RigRecognition:
+        """Recognition of parts of a catalogue before anything was touched."""
+        single = begin_search(self.file, self._reach, catalogue)
+        single.prepare()
+        return RigRecognition(single if count.is_single else SeveralSearch(single, count))
 
     def plan(self, recognition: RigRecognition, goal: Goals | None = None) -> tuple[FingerApproach, ...]:
         """Plan the next grip as `identify` does; none if that would end now: `recognition.verdict` says how.

@@ -10,6 +10,7 @@ these. Nothing is concluded of a part unless every division that is left agrees.
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ import shapely
 from palpate.base.geometry import Floats
 from palpate.base.vocabulary import IdentificationVerdict, RunLimit
 from palpate.config import RigFile
-from palpate.recognizer import FREE_MARGIN_MM, FingerApproach, predict
+from palpate.recognizer import FREE_MARGIN_MM, FingerApproach, Recognition, predict
 from palpate.rig.conversion import finger_of
 from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, TakenGrip
 from palpate.rig.identification.events import Observers, PlanEvent, RecognitionEvent, TouchEvent
@@ -61,6 +62,39 @@ class SeveralSearch:
         self._no_room = False  # beside the leading division's parts
         self._settled: dict[PartSearch, IdentificationVerdict | None] = {}  # no grip promises more of it
         self._discs = inscribed_discs(single.catalogue, {finger_of(item) for item in self._rig.fingers})
+
+    def copy(self) -> "SeveralSearch":
+        """A search that knows the same, and goes on by itself."""
+        return self.with_chooser(self._chooser)
+
+    def with_chooser(self, chooser: GripChooser) -> "SeveralSearch":
+        """The same with other goals."""
+        other = copy(self)
+        every = {part for division in self._divisions for part in division.parts}
+        every |= {self._nothing, self._untouched}
+        own = {part: replace(part, search=part.search.with_chooser(chooser)) for part in every}
+        other._chooser = chooser
+        other._nothing, other._untouched = own[self._nothing], own[self._untouched]
+        other._divisions = [Division(tuple(own[part] for part in item.parts)) for item in self._divisions]
+        other._settled = {own[part]: verdict for part, verdict in self._settled.items() if part in own}
+        other._grips, other._made = list(self._grips), list(self._made)
+        return other
+
+    @property
+    def rig(self) -> RigFile:
+        """The rig whose touches it understands."""
+        return self._rig
+
+    @property
+    def chooser(self) -> GripChooser:
+        """What chooses its grips."""
+        return self._chooser
+
+    @property
+    def recognitions(self) -> tuple[Recognition, ...]:
+        """All that is known of each part of the leading division as it lies now, if it was touched enough."""
+        parts = self._divisions[0].parts if self._divisions else ()
+        return tuple(known for part in parts if (known := part.recognition) is not None)
 
     @property
     def divisions(self) -> Sequence[Division]:
