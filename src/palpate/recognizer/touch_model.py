@@ -106,7 +106,8 @@ class Blur:
     def of(cls, catalogue: Catalogue, poses: Cells, fingers: Iterable[Finger]) -> "Blur":
         """Blur for touches of these fingers."""
         tolerance = np.array([item.tolerance_mm for item in catalogue.states])
-        normals = np.max([catalogue.edges(item.face_point).mean_turn_rad for item in fingers], axis=0)
+        turned = np.max([catalogue.edges(item.face_point).mean_turn_rad for item in fingers], axis=0)
+        normals = np.where(tolerance > 0, turned, 0.0)
         return cls(tolerance[poses.state], normals[poses.state])
 
     def of_pairs(self, first: Ints, second: Ints) -> "Blur":

@@ -335,7 +335,7 @@ def test_two_parts_on_the_emulated_bench_and_their_replay(recorded: Callable[[st
 
 
 def test_grip_by_grip_they_are_found_as_in_one_run(recorded: Callable[[str], Path]) -> None:
-    """The same touches, to the last bit, and the same bounds; a plan that is not carried out changes nothing."""
+    """The same touches, to the last bit, and bounds; a plan that is not carried out changes nothing."""
     folder = recorded("two parts")
     seed = open_session(folder).header["seed"]
     out = json.loads((folder / "result.json").read_text())

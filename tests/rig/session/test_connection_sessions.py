@@ -4,7 +4,7 @@ import json
 import re
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -84,6 +84,14 @@ class ProgramError(Exception):
     """An error of the program that has the rig connected."""
 
 
+@pytest.fixture
+def heeds_interrupts() -> Iterator[None]:
+    """SIGINT raises KeyboardInterrupt, also where whatever started the tests has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def interrupt_soon() -> None:
     threading.Timer(0.2, lambda: signal.raise_signal(signal.SIGINT)).start()
 
@@ -96,6 +104,7 @@ def fail() -> None:
     ("before", "after", "how"),
     [(lambda: None, fail, "ProgramError"), (interrupt_soon, lambda: None, "KeyboardInterrupt")],
 )
+@pytest.mark.usefixtures("heeds_interrupts")
 def test_whatever_ends_it_ends_the_replay(
     bench: tuple[Path, Path],
     tmp_path: Path,
