@@ -31,6 +31,7 @@ from palpate.cli.terminal import (
     StrategyOption,
     ViewOption,
     ViewPortOption,
+    WorkersOption,
     note_on_interruption,
 )
 
@@ -246,10 +247,7 @@ def study(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Use a dask cluster's workers.")
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option("--workers", min=1, help="Processes at once; as many as there are cores if left out."),
-    ] = None,
+    workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> int:
     """Say how well a rig tells the parts of a catalogue apart: verdicts, accuracy, touches, hardest pairs.

@@ -16,6 +16,7 @@ from palpate.cli.terminal import (
     SceneOption,
     SeedOption,
     SessionsOption,
+    WorkersOption,
     note_on_interruption,
 )
 
@@ -127,10 +128,7 @@ def study_learning(
     seed: Annotated[
         int, typer.Option("--seed", min=0, help="Draws parts, places and errors of touches.")
     ] = 0,
-    workers: Annotated[
-        int | None,
-        typer.Option("--workers", min=1, help="Processes at once; as many as there are cores if left out."),
-    ] = None,
+    workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> int:
     """Say how many touches, and how much of a rig's time, it takes to learn parts, by their tolerance.

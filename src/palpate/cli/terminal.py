@@ -46,6 +46,10 @@ SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Draws the scene and the emulated devices' errors.")
 ]
 SessionsOption = Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, help="Processes at once; as many as there are cores if left out."),
+]
 ContactsOption = Annotated[Path, typer.Option("--contacts", help="Contacts so far (JSON).")]
 StrategyOption = Annotated[
     Strategy,

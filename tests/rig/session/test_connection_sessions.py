@@ -14,7 +14,7 @@ from palpate.base.errors import InputError
 from palpate.jobs.recognition import contact_record
 from palpate.rig.session.archive import summary_of
 from support.benches.rigs import quick_bench
-from support.commands.command import Here, log_events, log_lines, write_log
+from support.commands.command import Here, copied, log_events, log_lines
 
 
 @pytest.fixture(scope="module")
@@ -38,15 +38,6 @@ def two_grips(
     assert rig.session is not None
     assert rig.session.parent == sessions
     return rig.session, made
-
-
-def copied(session: Path, folder: Path, change: Callable[[list[str]], list[str]]) -> Path:
-    """The session again, with the lines of its log changed."""
-    for path in session.iterdir():
-        if path.name != "session.jsonl.zst":
-            (folder / path.name).write_bytes(path.read_bytes())
-    write_log(folder / "session.jsonl.zst", change(log_lines(session / "session.jsonl.zst")))
-    return folder
 
 
 def test_the_grips_come_about_again(two_grips: tuple[Path, list[palpate.MadeGrip]], here: Here) -> None:

@@ -30,9 +30,9 @@ from support.campaign.sampling import sample
 from support.commands.command import (
     Here,
     bytes_sent,
+    copied,
     log_bytes,
     log_events,
-    log_lines,
     missing,
     run,
     started,
@@ -66,15 +66,6 @@ def brief(rig: Any, folder: Path) -> Path:
     assert number == 1
     (folder / "brief.toml").write_text(text)
     return folder / "brief.toml"
-
-
-def copied(session: Path, folder: Path, change: Callable[[list[str]], list[str]]) -> Path:
-    """The session again, with the lines of its log changed."""
-    for path in session.iterdir():
-        if path.name != "session.jsonl.zst":
-            (folder / path.name).write_bytes(path.read_bytes())
-    write_log(folder / "session.jsonl.zst", change(log_lines(session / "session.jsonl.zst")))
-    return folder
 
 
 def sent_bytes(session: Path) -> int:

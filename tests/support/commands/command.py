@@ -161,6 +161,15 @@ def write_log(path: Path, lines: Iterable[str]) -> None:
     path.write_bytes(zstandard.ZstdCompressor().compress("".join(lines).encode()))
 
 
+def copied(session: Path, folder: Path, change: Callable[[list[str]], list[str]]) -> Path:
+    """The session again, with the lines of its log changed."""
+    for path in session.iterdir():
+        if path.name != "session.jsonl.zst":
+            (folder / path.name).write_bytes(path.read_bytes())
+    write_log(folder / "session.jsonl.zst", change(log_lines(session / "session.jsonl.zst")))
+    return folder
+
+
 def bytes_sent(events: Iterable[dict[str, Any]], port: str | None = None) -> bytes:
     """What a log's events say was sent, to one port or to all."""
     return b"".join(
