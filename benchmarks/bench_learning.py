@@ -277,13 +277,14 @@ def _identify(rig: RigFile, reach: Reach, known: Sequence[Learned], runs: Sequen
         names = {one.state.object_name for one in hypotheses}
         assert item.model is not None, "chosen by"
         is_wrong = result.outcome.is_answer and item.model.name not in names
-        verdicts[f"{result.outcome.value}{', WRONG' if is_wrong else ''}"] += 1
-        verdicts["LOST"] += item.model.name not in names
+        is_lost = item.model.name not in names
+        verdict = f"{result.outcome.value}{' WRONG' * is_wrong}{' LOST' * is_lost}"
+        verdicts[verdict] += 1
         wide = max((one.bounds.position_half_mm for one in hypotheses), default=math.nan)
         turned = max((one.bounds.orientation_half_rad for one in hypotheses), default=math.nan)
         touches = sum(one.contact.touched for grip in result.grips for one in grip)
         print(
-            f"{seed:>3} {item.model.name:<16} {result.outcome.value:<17} left {len(hypotheses)} of "
+            f"{seed:>3} {item.model.name:<16} {verdict:<17} left {len(hypotheses)} of "
             f"{len(names)} objects, ±{wide:.1f} mm ±{math.degrees(turned):.1f}°  grips "
             f"{len(result.grips)} touches {touches}  computing {time.process_time() - begin:.0f} s",
             flush=True,
