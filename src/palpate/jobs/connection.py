@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+from palpate.base.errors import PalpateError
 from palpate.base.file_io import write_text
 from palpate.base.vocabulary import SessionKind
 from palpate.config import ObjectsFile, RigOnBench, Scene
@@ -62,7 +63,10 @@ class ConnectionRequest:
 
 @contextmanager
 def connect_fingers(request: ConnectionRequest, notice: Callable[[str], None]) -> Iterator[ReadyRig]:
-    """Connect, and disconnect when the block is left; errors as `Rig.connect`."""
+    """Connect, and disconnect when the block is left; errors as `Rig.connect`.
+
+    Where only the session's contacts cannot be written then, OutputError or InputError says so.
+    """
     on_bench = request.on_bench
     bench = set_up(on_bench.described, request.placements, request.seed)
     with unwind_on_signals(), BackgroundCall("the display", notice) as beside, ExitStack() as connection:
@@ -114,10 +118,18 @@ def _recorded_grips(
         grips = GripRecorder(log, lie)
     try:
         yield grips
-    finally:
+    except BaseException:
         grips.tell_truth(parts)
-        contacts = [[item for touch in grip for item in touch.evidence] for grip in grips.grips]
-        write_text(folder / "contacts.json", json.dumps(contacts_json(contacts), indent=1) + "\n")
+        with suppress(PalpateError):  # what ended the connection is what has to be said
+            _write_contacts(grips, folder)
+        raise
+    grips.tell_truth(parts)
+    _write_contacts(grips, folder)
+
+
+def _write_contacts(grips: GripRecorder, folder: Path) -> None:
+    contacts = [[item for touch in grip for item in touch.evidence] for grip in grips.grips]
+    write_text(folder / "contacts.json", json.dumps(contacts_json(contacts), indent=1) + "\n")
 
 
 def _header(request: ConnectionRequest, latency_s: float) -> dict[str, object]:

@@ -211,7 +211,7 @@ def learn(
 
 
 def keep_result(learned: LearnedObject, folder: Path) -> LearnedObject:
-    """Keep result and picture in a session's folder. Raises OutputError if they cannot be written."""
+    """Keep result and picture in a session's folder. Raises as `write_text`."""
     kept = replace(learned, session=folder)
     write_text(folder / "result.json", kept.to_json() + "\n")
     write_text(folder / "picture.svg", kept.picture())

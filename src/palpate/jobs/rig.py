@@ -227,14 +227,16 @@ class Rig:
         before = ObjectsFile(()) if objects is None else objects_from(objects)
         request = LearningRequest(name, state, height_mm, tolerance_mm, max_seconds, known, before)
         search = begin_learning(self.file, request)
-        drawn = objects_from(None) if self.emulated else None
-        with connect_fingers(
-            self._connection(drawn, scene, (SessionKind.LEARN, sessions), unconfirmed), notice
-        ) as ready:
-            learned = learn(ready, search, request, progress)
+        there = objects_from(None) if self.emulated else before if before.objects else None
+        connection = self._connection(there, scene, (SessionKind.LEARN, sessions), unconfirmed)
+        learned: LearnedObject | None = None
         try:
+            with connect_fingers(connection, notice) as ready:
+                learned = learn(ready, search, request, progress)
             return learned if ready.session is None else keep_result(learned, ready.session)
-        except OutputError as error:  # what was learned is there all the same
+        except (InputError, OutputError) as error:  # of what could not be written down
+            if learned is None:
+                raise
             notice(str(error))
             return learned
 

@@ -12,7 +12,7 @@ import pytest
 import palpate
 from palpate.base.errors import InputError
 from palpate.jobs.recognition import contact_record
-from palpate.rig.session.archive import summary_of
+from palpate.rig.session.archive import remove_sessions, summary_of
 from support.benches.rigs import quick_bench
 from support.commands.command import Here, copied, log_events, log_lines
 
@@ -199,3 +199,50 @@ def test_learning_is_kept_as_a_session(bench: tuple[Path, Path], tmp_path: Path,
         "part", height_mm=18.0, max_seconds=1.0, contacts=folder / "contacts.json"
     )
     assert len(again.grips) > done.json["grips"] - 1
+
+
+@pytest.mark.parametrize("name", ["contacts.json", "result.json"])
+def test_what_was_learned_is_not_lost_where_its_session_cannot_be_written(
+    bench: tuple[Path, Path], tmp_path: Path, name: str
+) -> None:
+    said: list[str] = []
+
+    def spoil(_: str) -> None:
+        (folder,) = tmp_path.iterdir()
+        (folder / name).mkdir(exist_ok=True)
+
+    learned = palpate.open_rig(bench[0], seed=7).learn(
+        "part", height_mm=18.0, max_seconds=12.0, sessions=tmp_path, progress=spoil, notice=said.append
+    )
+    assert learned.touch_count > 0
+    assert learned.session is None
+    assert sum(name in line for line in said) == 1
+
+
+def test_an_error_of_the_program_is_what_is_said_where_contacts_cannot_be_written(
+    bench: tuple[Path, Path], tmp_path: Path
+) -> None:
+    def program() -> None:
+        with palpate.open_rig(bench[0]).connect(sessions=tmp_path) as rig:
+            assert rig.session is not None
+            (rig.session / "contacts.json").mkdir()
+            fail()
+
+    with pytest.raises(ProgramError):
+        program()
+
+
+def test_nothing_of_a_session_stays_that_palpate_wrote(
+    two_grips: tuple[Path, list[palpate.MadeGrip]], tmp_path: Path
+) -> None:
+    """Neither what `learn` adds nor the confirmed wiring of a real rig."""
+    folder = copied(two_grips[0], make(tmp_path / "session"), lambda lines: lines)
+    for name in ("rig.confirmed.toml", "result.json", "picture.svg"):
+        (folder / name).write_text("")
+    assert remove_sessions([summary_of(folder)]).kept_folders == ()
+    assert not folder.exists()
+
+
+def make(folder: Path) -> Path:
+    folder.mkdir()
+    return folder

@@ -184,6 +184,7 @@ _RECORDED_NAMES = frozenset(
         _REPORT,
         "result.json",
         "rig.calibration.toml",
+        "rig.confirmed.toml",
         "rig.toml",
         "scene-objects.json",
         *(f"scene-objects-{number}.json" for number in range(1, MAX_SCENE_PARTS + 1)),
